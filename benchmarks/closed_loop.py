@@ -52,9 +52,9 @@ def simulation(opened: OpenedScenario, model: str, duration_s: float | None = No
 def step_times(run: Simulation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Milliseconds of processor time of each step: of the world, and of the drive that is rendered."""
     world, rows = run.begin, []
-    while world.time_us < run.stage.stop_us:
+    while world.time_us < run.context.stop_us:
         begun = time.process_time()
-        world = step(world, Control(-1.0, 0.02), run.stage)
+        world = step(world, Control(-1.0, 0.02), run.context)
         moved = time.process_time()
         run.scenario_drive.drive_at(world, world.time_us - EXPOSED_US)
         rows.append((moved - begun, time.process_time() - moved))
@@ -78,11 +78,11 @@ def standing_costs(run: Simulation, steps: int) -> dict[str, StandingCost]:
     both = SimulatedSensors(run.plan, run.renderer, None), SimulatedSensors(run.plan, run.renderer, None, reuse=None)
     world, rows = run.begin, dict[str, list[tuple[float, ...]]]()
     left = steps
-    while left and world.time_us < run.stage.stop_us:
-        before, world = world, step(world, Control(-run.stage.vehicle.max_deceleration_m_s2, 0.0), run.stage)
+    while left and world.time_us < run.context.stop_us:
+        before, world = world, step(world, Control(-run.context.vehicle.max_deceleration_m_s2, 0.0), run.context)
         stands = before.ego.speed_m_s == 0
         left -= stands
-        for one in run.stage.ended(before.time_us, world.time_us):
+        for one in run.context.ended(before.time_us, world.time_us):
             drive, name = run.scenario_drive.drive_at(world, one.start_us), one.capture.sensor_id
             spent, frames = [0.0, 0.0], []
             for way in (0, 1) if left % 2 else (1, 0):
@@ -122,7 +122,7 @@ def main(scenario: Path, actors: tuple[int, ...], model: str, memory: int, stand
         run = simulation(with_actors(opened, count), model)
         for kind, times in zip(("world", "drive"), step_times(run), strict=True):
             median, most = np.median(times), times.max()
-            click.echo(f"{len(run.stage.moved)} moved actors, {kind}: median {median:.1f} ms, most {most:.1f} ms")
+            click.echo(f"{len(run.context.moved)} moved actors, {kind}: median {median:.1f} ms, most {most:.1f} ms")
     for quality in ("fast", "balanced") if standing else ():
         large = open_scenario(scenario, RenderOptions(quality=quality, width=640, passes=("rgb",)))
         large = replace(large, scenario=replace(large.scenario, outside=Outside("continue", "continue")))
@@ -137,10 +137,10 @@ def main(scenario: Path, actors: tuple[int, ...], model: str, memory: int, stand
         return
     opened = replace(opened, scenario=replace(opened.scenario, outside=Outside("continue", "continue")))
     run = simulation(opened, model, memory * 0.1)
-    sensors, world, cameras = SimulatedSensors(run.plan, run.renderer, None), run.begin, run.stage.drive.cameras
+    sensors, world, cameras = SimulatedSensors(run.plan, run.renderer, None), run.begin, run.context.drive.cameras
     for number in range(1, memory + 1):
-        before, world = world, step(world, Control(0.0, 0.0), run.stage)
-        ended = [one for one in run.stage.ended(before.time_us, world.time_us) if one.capture.sensor_id in cameras]
+        before, world = world, step(world, Control(0.0, 0.0), run.context)
+        ended = [one for one in run.context.ended(before.time_us, world.time_us) if one.capture.sensor_id in cameras]
         if ended:
             sensors.render(run.scenario_drive.drive_at(world, min(one.start_us for one in ended)), ended)
         if number in (10, 50) or number % 100 == 0:

@@ -42,14 +42,14 @@ from unisim_blender.core.world.replay import DriveStates
 FIRST_M, ALONG_M, ACROSS_M = 8.0, 6.0, 3.0
 """Where the first row stands, and how far rows and columns are apart."""
 WITHIN = 0.8
-"""Of half the field of view: no copy stands at its edge."""
+"""Share of half the field of view within which copies stand."""
 WIDEST_DEG = 75.0
 LABEL = "Car"
 APART_M = 3.0
 """How far along x a copy's track is from the one of the copy before it."""
 
 
-def grid(count: int, slope: float) -> FloatArray:
+def copy_places(count: int, slope: float) -> FloatArray:
     """Places (count, 2) ahead and to the left, metres, the nearest row first and its middle first, within ``slope``
     metres to either side a metre ahead."""
     places: list[tuple[float, float]] = []
@@ -89,7 +89,7 @@ def with_copies(
     camera = drive.cameras[view]
     pose = camera.world_from_camera.at(camera.time_s[frame])
     yaw = float(np.arctan2(pose[1, 2], pose[0, 2]))
-    places = grid(count, WITHIN * slope_aside(camera.model)) * (-1 if behind else 1)
+    places = copy_places(count, WITHIN * slope_aside(camera.model)) * (-1 if behind else 1)
     points = np.tile(pose[:3, 3], (count, 1))
     points[:, :2] += places @ np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
     points[:, 2] -= heights(points)
@@ -160,13 +160,13 @@ def step_cost(opened: OpenedScenario, quality: Quality, most_steps: int) -> Step
     opened.renderer.quality = quality
     asked = SimulationSpec(actors={OTHERS: {"type": "auto"}})
     run = opened.simulation(asked, driver_named("constant"), Path(tempfile.gettempdir()))
-    stage, world = run.stage, run.begin
+    context, world = run.context, run.begin
     sensors = SimulatedSensors(run.plan, run.renderer, None)
     rows: list[tuple[float, float, float]] = []
-    while world.time_us < stage.stop_us and len(rows) <= most_steps:
+    while world.time_us < context.stop_us and len(rows) <= most_steps:
         begun, spent, before = time.perf_counter(), time.process_time(), world
-        world = step(world, BRAKING, stage)
-        ended = stage.ended(before.time_us, world.time_us)
+        world = step(world, BRAKING, context)
+        ended = context.ended(before.time_us, world.time_us)
         drive = run.scenario_drive.drive_at(world, min((exposure.start_us for exposure in ended), default=None))
         spent = time.process_time() - spent
         sensors.render(drive, ended)
@@ -178,7 +178,7 @@ def step_cost(opened: OpenedScenario, quality: Quality, most_steps: int) -> Step
     if not some:
         return None
     step_s, alone_s, world_s = np.median(np.array(some), axis=0).tolist()
-    return StepCost(step_s, alone_s, world_s, len(stage.moved), len(some))
+    return StepCost(step_s, alone_s, world_s, len(context.moved), len(some))
 
 
 def _alone(renderer: Renderer, plan: RenderPlan, drive: Drive, exposures: Sequence[Exposure]) -> float:

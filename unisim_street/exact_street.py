@@ -76,17 +76,17 @@ class StreetTracer:
     def _echoes(self, rays: Rays, passes: set[str]) -> TraceResult:
         shape = rays.time_s.shape
         bundled = [_bundled(values, shape) for values in (rays.origins, rays.directions, rays.time_s)]
-        found = echoes(self.world, *bundled)
-        near = found.depth_m < NEAR_M
+        traced = echoes(self.world, *bundled)
+        near = traced.depth_m < NEAR_M
         if near.any():  # nothing nearer is looked at
             beyond = echoes(self.world, bundled[0] + NEAR_M * bundled[1], *bundled[1:])
-            found = replace(
-                found,
-                depth_m=np.where(near, beyond.depth_m + NEAR_M, found.depth_m),
-                **{name: np.where(near, getattr(beyond, name), getattr(found, name)) for name in _OF_RETURNS},
+            traced = replace(
+                traced,
+                depth_m=np.where(near, beyond.depth_m + NEAR_M, traced.depth_m),
+                **{name: np.where(near, getattr(beyond, name), getattr(traced, name)) for name in _OF_RETURNS},
             )
         depth, intensity, returned, instance = (
-            _flat(values, shape) for values in (found.depth_m, found.intensity, found.returned, found.instance)
+            _flat(values, shape) for values in (traced.depth_m, traced.intensity, traced.returned, traced.instance)
         )
         distance = np.where(returned, depth, np.inf).astype(np.float32)
         maps = {
@@ -102,13 +102,13 @@ class StreetTracer:
             {name: values for name, values in maps.items() if name in passes},
         )
 
-    def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+    def image(self, traced: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """See `Tracer.image`."""
-        return np.asarray(found.feature.reshape(*shape, 3))
+        return np.asarray(traced.feature.reshape(*shape, 3))
 
-    def returns(self, found: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, traced: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
         """See `Tracer.returns`."""
-        return found.feature, found.opacity
+        return traced.feature, traced.opacity
 
     def heights(self, points: FloatArray) -> FloatArray:
         """See `Tracer.heights`."""

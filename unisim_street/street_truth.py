@@ -186,8 +186,8 @@ class _Targets:
         surfaces: Surfaces = view.surfaces
         placement = np.full(view.hits.t.size, -1)
         local = view.bundles.directions.reshape(-1, 3).copy()
-        found = seen_by[surfaces.placement]
-        placement[surfaces.rays] = np.where(found < 0, -2, found)
+        seen = seen_by[surfaces.placement]
+        placement[surfaces.rays] = np.where(seen < 0, -2, seen)
         local[surfaces.rays] = surfaces.local
         return _Targets(placement, local)
 

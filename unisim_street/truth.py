@@ -257,13 +257,13 @@ def truth_lidar(street: Street, drive: Drive, lidar_id: str, frame: int) -> Lida
     lidar = drive.lidars[lidar_id]
     rays = lidar_rays(lidar, lidar.time_s[frame])
     beams, columns = rays.time_s.shape
-    found = echoes(world, *(tile_image(values) for values in (rays.origins, rays.directions, rays.time_s)))
+    hits = echoes(world, *(tile_image(values) for values in (rays.origins, rays.directions, rays.time_s)))
 
     def grid(values: NDArray[Any]) -> NDArray[Any]:
         return untile_image(values, beams, columns)
 
-    depth = grid(found.depth_m)
-    came_back = grid(found.returned) & (depth >= lidar.model.min_range_m) & (depth <= lidar.model.max_range_m)
+    depth = grid(hits.depth_m)
+    came_back = grid(hits.returned) & (depth >= lidar.model.min_range_m) & (depth <= lidar.model.max_range_m)
     return LidarFrame(
         model=lidar.model,
         world_from_lidar=lidar.world_from_lidar.at(lidar.time_s[frame]),
@@ -271,10 +271,10 @@ def truth_lidar(street: Street, drive: Drive, lidar_id: str, frame: int) -> Lida
         directions=rays.directions,
         time_s=rays.time_s,
         depth_m=np.where(came_back, depth, 0.0).astype(np.float32),
-        intensity=np.where(came_back, grid(found.intensity), 0.0).astype(np.float32),
+        intensity=np.where(came_back, grid(hits.intensity), 0.0).astype(np.float32),
         return_probability=came_back.astype(np.float32),
         returned=came_back,
-        instance=np.where(came_back, grid(found.instance), 0).astype(np.int32),
+        instance=np.where(came_back, grid(hits.instance), 0).astype(np.int32),
         instances=world.instances,
         stats=RenderStats(rays=beams * columns),
     )

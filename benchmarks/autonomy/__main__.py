@@ -56,15 +56,15 @@ def simulated(log: Path, options: RenderOptions, left_m: float, out: Path) -> Si
     edits = (Ego(shift_left_m=left_m),) if left_m else ()
     opened = open_scenario(replace(scenario, edits=edits), options)
     found = opened.simulation(SimulationSpec(), driver_named("log"), out)
-    drive, stage = found.stage.drive, found.stage
+    drive, context = found.context.drive, found.context
     sensors: list[Camera | Lidar] = [*drive.cameras.values(), *drive.lidars.values()]
     recorded = open_log(log)
     there = {name: recorded.image_frames(name) for name in drive.cameras}
     there |= {name: recorded.sweep_frames(name) for name in drive.lidars}
     captures = [Exposure.of(one, Capture.of_frame(one, frame)) for one in sensors for frame in there[one.sensor_id]]
-    within = [one for one in captures if stage.start_us <= one.start_us and one.end_us <= stage.stop_us]
+    within = [one for one in captures if context.start_us <= one.start_us and one.end_us <= context.stop_us]
     exposures = tuple(sorted(within, key=lambda one: (one.end_us, one.capture.sensor_id)))
-    return replace(found, stage=replace(stage, exposures=exposures))
+    return replace(found, context=replace(context, exposures=exposures))
 
 
 def rows_of(log: Path, options: RenderOptions, shift_m: float, out: Path) -> dict[str, Row]:

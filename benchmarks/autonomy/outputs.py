@@ -35,19 +35,19 @@ _SURFACE_M = 0.05
 
 def outputs_of(simulation: Simulation, sensors: SensorSource, detectors: Detectors) -> ModelOutputs:
     """Return what the stack answers to a drive as it was recorded, seen through these sensors."""
-    stage, driver = simulation.stage, Perception(simulation.setup(), detectors)
+    context, driver = simulation.context, Perception(simulation.setup(), detectors)
     frames: dict[FrameKey, FrameOutput] = {}
-    last_us = stage.start_us
-    for now_us in range(stage.start_us, stage.stop_us + 1, stage.step_us):
-        ended = stage.ended(last_us, now_us)
-        images, sweeps = sensors.render(stage.drive, ended)
-        motion = EgoMotion(now_us, recorded_ego(stage, now_us))
+    last_us = context.start_us
+    for now_us in range(context.start_us, context.stop_us + 1, context.step_us):
+        ended = context.ended(last_us, now_us)
+        images, sweeps = sensors.render(context.drive, ended)
+        motion = EgoMotion(now_us, recorded_ego(context, now_us))
         plan = driver.drive(Observation(now_us, tuple(images), tuple(sweeps), (motion,)))
         last_us = now_us
-        if now_us < stage.start_us + AFTER_S * SECOND_US:
+        if now_us < context.start_us + AFTER_S * SECOND_US:
             continue
         boxes = np.array([track.box for track in driver.tracks]).reshape(-1, 5)
-        frames[(stage.drive.name, time_name(now_us))] = FrameOutput(
+        frames[(context.drive.name, time_name(now_us))] = FrameOutput(
             boxes,
             np.array([track.score for track in driver.tracks]),
             (CLASS,) * len(boxes),
@@ -66,17 +66,17 @@ def _forecast(modes: Sequence[Mode]) -> Forecast:
 def labels_of(simulation: Simulation, log: Log, like: ModelOutputs) -> ModelOutputs:
     """Return the vehicles that were there, and where they went, for the frames and with the plans of ``like``. A vehicle is
     ignored outside the detectors' region and where the last sweep has few returns of it."""
-    stage = simulation.stage
-    lidar = next(iter(stage.drive.lidars.values()))
+    context = simulation.context
+    lidar = next(iter(context.drive.lidars.values()))
     swept = log.sweep_frames(lidar.sensor_id)
     frames = {}
     for key, answered in like.frames.items():
         now_s = int(str(key[1])[1:-2]) / SECOND_US
         before = max((frame for frame in swept if lidar.time_s[frame] <= now_s), default=swept[0])
         points = log.sweep(lidar.sensor_id, before).points
-        ego = invert_pose(stage.drive.world_from_ego.at(now_s))
+        ego = invert_pose(context.drive.world_from_ego.at(now_s))
         boxes, ignored, forecasts = [], [], []
-        for actor in stage.drive.actors.values():
+        for actor in context.drive.actors.values():
             if actor.label not in VEHICLES or not actor.present(now_s):
                 continue
             pose = actor.world_from_actor.at(now_s)
@@ -86,7 +86,7 @@ def labels_of(simulation: Simulation, log: Log, like: ModelOutputs) -> ModelOutp
             yaw = np.arctan2(pose[1, 0], pose[0, 0])
             boxes.append([*pose[:2, 3], *actor.size_m[:2], yaw])
             ignored.append(hits < LEAST_POINTS or not (X_M[0] <= x < X_M[1] and Y_M[0] <= y < Y_M[1]))
-            forecasts.append(_went(actor, now_s, stage.stop_us / SECOND_US))
+            forecasts.append(_went(actor, now_s, context.stop_us / SECOND_US))
         count = len(boxes)
         frames[key] = FrameOutput(
             np.array(boxes, np.float64).reshape(-1, 5), np.ones(count), (CLASS,) * count, np.array(ignored, bool),

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from unisim_blender.core.evaluation.recorded import psnr_over, recorded_image
+from unisim_blender.core.evaluation.metrics import psnr
+from unisim_blender.core.evaluation.recorded import recorded_image
 from unisim_blender.core.evaluation.recorded_runs import trained_frames
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import BoolArray
@@ -40,7 +41,7 @@ def crossed_psnr(scene: Path, trained_on: Path, rendered_as: Path, seen_by: Path
     for frame in log.drive.frames:
         if frame not in trained:
             rendered = np.clip(render_image(renderer, states, Capture.of_frame(camera, frame)).rgb, 0, 1)
-            found.append(psnr_over(rendered, recorded_image(log, CAMERA, frame, None), both))
+            found.append(psnr(rendered, recorded_image(log, CAMERA, frame, None), both))
     return float(np.mean(found))
 
 

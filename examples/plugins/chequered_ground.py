@@ -71,12 +71,12 @@ class ChequeredTracer:
         maps = {name: values for name, values in maps.items() if name in passes}
         return TraceResult(colour, np.where(hit, depth, 0.0), hit.astype(np.float32), maps)
 
-    def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
-        image: Array = found.feature.reshape(*shape, 3)
+    def image(self, traced: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+        image: Array = traced.feature.reshape(*shape, 3)
         return image
 
-    def returns(self, found: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
-        return found.feature[:, 0], found.opacity
+    def returns(self, traced: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
+        return traced.feature[:, 0], traced.opacity
 
     def heights(self, points: FloatArray) -> FloatArray:
         return points[:, 2]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import venv
 from collections.abc import Iterator
+from functools import cache
 from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,18 @@ from written_street import write_recipe
 sys.path.insert(0, str(Path(__file__).parent))
 
 bpy = pytest.importorskip("bpy", reason="Blender's module is not installed: pip install '.[blender]'")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _asked_once() -> Iterator[None]:
+    """What this interpreter has is asked once, not by each task that starts it: that takes seconds."""
+    from unisim_blender.process import interpreters
+
+    ask = interpreters.probe
+    own = cache(lambda: ask(sys.executable))
+    interpreters.probe = lambda path: own() if path == sys.executable else ask(path)
+    yield
+    interpreters.probe = ask
 
 
 @pytest.fixture(scope="session")

@@ -113,19 +113,19 @@ def test_a_moved_car_is_where_it_was_moved(log: Path, tmp_path: Path) -> None:
 def test_a_rollout_delivers_the_street(log: Path, tmp_path: Path) -> None:
     """The log driven again delivers what was recorded; actors that a state lacks are not there."""
     simulation = open_scenario(log, OPTIONS).simulation(SimulationSpec(duration_s=0.2), driver_named("log"), tmp_path)
-    stage = simulation.stage
+    context = simulation.context
     sensors = SimulatedSensors(simulation.plan, simulation.renderer, None)
-    shots = [one for one in stage.exposures if one.capture.frame == 1]
-    (image,), (sweep,) = sensors.render(stage.drive, shots)
+    shots = [one for one in context.exposures if one.capture.frame == 1]
+    (image,), (sweep,) = sensors.render(context.drive, shots)
     recorded = open_log(log)
     assert psnr(recorded.image(CAMERA, 1) / np.float32(255), image.rgb / np.float32(255)) > 33
     assert len(sweep.points) == recorded.sweep_grid(LIDAR, 1).returned.sum()
     assert sensors.unsupported == {CAMERA: 0.0}
-    gone = replace(stage.drive, actors={})
+    gone = replace(context.drive, actors={})
     (empty,), _ = sensors.render(gone, [one for one in shots if one.capture.sensor_id == CAMERA])
     assert np.mean(np.any(empty.rgb != image.rgb, -1)) > 0.05
-    ego = stage.drive.world_from_ego.at(0.1)[:3, 3]
-    assert stage.heights(ego[None] + [[0.0, 0.0, 1.0]])[0] == pytest.approx(1.0, abs=0.15)
+    ego = context.drive.world_from_ego.at(0.1)[:3, 3]
+    assert context.heights(ego[None] + [[0.0, 0.0, 1.0]])[0] == pytest.approx(1.0, abs=0.15)
     # fronts on the left, which rays along y meet, and the air under the vehicle
     fronts = recorded.sweep(LIDAR, 1).points
     fronts = fronts[(fronts[:, 1] > 6) & (fronts[:, 2] > 2)][::20]
@@ -138,7 +138,7 @@ def test_a_rollouts_scenario_renders_what_its_driver_saw(log: Path, tmp_path: Pa
     simulation = open_simulation(log, tmp_path / "out", OPTIONS, spec, driver_named("constant"))
     rollout = roll_out(simulation)
     report = finish(simulation, rollout, OPTIONS)
-    assert report.captures == 0 and report.captures_kept == len(simulation.stage.exposures) > 1
+    assert report.captures == 0 and report.captures_kept == len(simulation.context.exposures) > 1
 
 
 def test_refused(log: Path, tmp_path: Path) -> None:

@@ -6,9 +6,10 @@ python street_layouts.py OUT   writes a folder for each layout that can be writt
 from __future__ import annotations
 
 import json
+import pickle
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import argoverse2_street
@@ -17,6 +18,7 @@ import ncore_street
 import numpy as np
 import nuscenes_street
 import waymo_street
+from written_once import written_once
 
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.world.drive import Camera, Drive
@@ -110,7 +112,7 @@ def waymo(root: Path, size: int) -> Written:
     return Written(root, dropped, made.street.drive, cameras, moved(*waymo_street.GLOBAL), 0.0, 0.05)
 
 
-LAYOUTS: Mapping[str, Callable[[Path, int], Written]] = {
+WRITERS: Mapping[str, Callable[[Path, int], Written]] = {
     "pandaset": pandaset,
     "ncore": ncore,
     "argoverse2": argoverse2,
@@ -118,6 +120,26 @@ LAYOUTS: Mapping[str, Callable[[Path, int], Written]] = {
     "kitti": kitti,
     "waymo": waymo,
 }
+
+
+def copy_of(layout: str) -> Callable[[Path, int], Written]:
+    """Return the layout's writer; several that write the same in a run of the tests copy what the first one wrote."""
+
+    def write(root: Path, size: int) -> Written:
+        def first(folder: Path) -> None:
+            made = WRITERS[layout](folder, size)
+            paths = {"log": made.log.relative_to(folder), "dropped": made.dropped.relative_to(folder)}
+            (folder / "written.pickle").write_bytes(pickle.dumps(replace(made, **paths)))
+
+        about = written_once(root, f"layout-{layout}-{size}", first) / "written.pickle"
+        made: Written = pickle.loads(about.read_bytes())
+        about.unlink()
+        return replace(made, log=root / made.log, dropped=root / made.dropped)
+
+    return write
+
+
+LAYOUTS: Mapping[str, Callable[[Path, int], Written]] = {layout: copy_of(layout) for layout in WRITERS}
 """What writes the street into a folder, images by a size; by a reader's name."""
 
 

@@ -18,8 +18,8 @@ Pieces = Sequence[NDArray[np.float32]]
 
 
 def image_error(rendered: Pieces, truth: Pieces) -> dict[str, float]:
-    """Of pieces of an image (h, w, 3), sRGB in 0..1, over all their pixels: PSNR in dB, inf where they are equal, and
-    the mean colour difference of CIE 1976 (L*a*b*, D65)."""
+    """Return the errors of pieces of an image (h, w, 3), sRGB in 0..1, over all their pixels: PSNR in dB, inf where they
+    are equal, and the mean colour difference of CIE 1976 (L*a*b*, D65)."""
     from skimage.color import rgb2lab
 
     a, b = (np.concatenate([np.clip(piece, 0, 1).reshape(-1, 3) for piece in pieces]) for pieces in (rendered, truth))
@@ -29,8 +29,8 @@ def image_error(rendered: Pieces, truth: Pieces) -> dict[str, float]:
 
 
 def depth_error(depth_m: NDArray[np.float32], truth_m: NDArray[np.float32]) -> dict[str, float]:
-    """Of depths (...), 0 where a ray hits nothing: absolute errors in mm over rays that hit something in both, the
-    share of the truth's rays that hit something which are within 2 cm, and the share of all rays of which it is the
+    """Return the errors of depths (...), 0 where a ray hits nothing: absolute errors in mm over rays that hit something in
+    both, the share of the truth's rays that hit something which are within 2 cm, and the share of all rays of which it is the
     same whether they hit something. NaN where there are none."""
     a, b = np.asarray(depth_m, np.float64).reshape(-1), np.asarray(truth_m, np.float64).reshape(-1)
     there = b > 0
@@ -105,7 +105,7 @@ def _state(case: BenchmarkCase) -> dict[str, Any]:
 
 
 def _loop(case: BenchmarkCase) -> dict[str, Any]:
-    """Of each quality: a step, its frames alone, and processor time before they are rendered."""
+    """Return for each quality: a step, its frames alone, and processor time before they are rendered."""
     rows = []
     for entry in case.entries:
         cost = entry.measurements[0].step if entry.measurements else None

@@ -3,7 +3,7 @@ button says why it is grey."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -112,9 +112,9 @@ def vehicle(context: bpy.types.Context) -> Need:
     return next(imported_objects(context.scene, "EGO"), None), "Import a drive first: there is no ego vehicle"
 
 
-def selected(context: bpy.types.Context, sentence: str, *kinds: str) -> Need:
-    """Something of some kinds is selected."""
-    return chosen(context, *kinds), sentence
+def selected(sentence: str, *kinds: str) -> Callable[[bpy.types.Context], Need]:
+    """Return the need that something of some kinds is selected."""
+    return lambda context: (chosen(context, *kinds), sentence)
 
 
 def idle(running: object) -> Need:

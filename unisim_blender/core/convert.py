@@ -73,7 +73,7 @@ class Converted:
     path that `open_log` opens. ``was_there``: an earlier run had finished it."""
 
     written: int
-    kept: int
+    reused: int
     losses: tuple[str, ...]
     opens: Path
     was_there: bool = False
@@ -89,14 +89,14 @@ def convert(
     writer: LogWriter,
     out: Path,
     on_start: Callable[[int, tuple[str, ...]], None] = lambda captures, losses: None,
-    on_kept: Callable[[int], None] = lambda captures: None,
+    on_reused: Callable[[int], None] = lambda captures: None,
     on_capture: Callable[[], None] = lambda: None,
 ) -> Converted:
     """Write a source's drive as a log in the folder ``out``.
 
-    ``on_start`` is called once with the number of captures and what the layout loses, ``on_kept`` with the captures of each part
-    that was there, ``on_capture`` after each that is written. A conversion that was finished before, of the same source, is left
-    as it is. Raises `OutputError`, `LogError`; what was written stays, to go on from.
+    ``on_start`` is called once with the number of captures and what the layout loses, ``on_reused`` with the number of captures
+    of each part that was there, ``on_capture`` after each that is written. A conversion of the same source that was finished
+    before is left as it is. Raises `OutputError`, `LogError`; what was written stays, to go on from.
     """
     out = Path(os.path.abspath(out))
     about = {
@@ -116,7 +116,7 @@ def convert(
             captures, opens = finished.key("captures").integer(at_least=1), finished.key("opens").text()
             return Converted(0, captures, losses, out / opens, was_there=True)
     with hold_folder(unfinished_folder(out)):
-        return _convert(source, writer, out, about, (on_start, on_kept, on_capture))
+        return _convert(source, writer, out, about, (on_start, on_reused, on_capture))
 
 
 def _convert(
@@ -127,7 +127,7 @@ def _convert(
     on: tuple[Callable[[int, tuple[str, ...]], None], Callable[[int], None], Callable[[], None]],
 ) -> Converted:
     """Write what is not there yet into the unfinished folder, and rename it to ``out``."""
-    folder, (on_start, on_kept, on_capture) = unfinished_folder(out), on
+    folder, (on_start, on_reused, on_capture) = unfinished_folder(out), on
     if begun := folder.is_dir() and any(folder.iterdir()):
         _check_same(folder, about)
         remove_partial_files(folder)
@@ -143,7 +143,7 @@ def _convert(
     said = {"captures": captures, "losses": list(plan.losses), "opens": plan.opens}
     write_file(folder / STATE, json_bytes({**about, **said}))
     on_start(captures, plan.losses)
-    written, kept = _write_parts(plan, folder, on_kept, on_capture)
+    written, reused = _write_parts(plan, folder, on_reused, on_capture)
     plan.finish()
     shutil.rmtree(folder / SCRATCH, ignore_errors=True)
     try:
@@ -152,21 +152,21 @@ def _convert(
         os.replace(folder, out)
     except OSError as error:
         raise OutputError(f"{out}: cannot be written: {error.strerror}") from error
-    return Converted(written, kept, plan.losses, out / plan.opens)
+    return Converted(written, reused, plan.losses, out / plan.opens)
 
 
 def _write_parts(
-    plan: WritePlan, folder: Path, on_kept: Callable[[int], None], on_capture: Callable[[], None]
+    plan: WritePlan, folder: Path, on_reused: Callable[[int], None], on_capture: Callable[[], None]
 ) -> tuple[int, int]:
-    written = kept = 0
+    written = reused = 0
     for part in plan.parts:
         if all((folder / name).is_file() for name in part.files):
-            kept += part.captures
-            on_kept(part.captures)
+            reused += part.captures
+            on_reused(part.captures)
         else:
             part.write(on_capture)
             written += part.captures
-    return written, kept
+    return written, reused
 
 
 def _state(folder: Path) -> dict[str, Any] | None:
@@ -197,19 +197,19 @@ NAMED = 5
 def losses_of(scenario: Scenario, drive: Drive, sensors: bool) -> list[str]:
     """Return a sentence for each part of a scenario, and of its edited drive, that a format without appearances leaves out;
     ``sensors``: whether it has none for sensors either."""
-    found = []
-    foreign = [uid for uid, one in drive.actors.items() if one.appearance.mesh or one.appearance.scene]
+    losses = []
+    foreign = [uid for uid, actor in drive.actors.items() if actor.appearance.mesh or actor.appearance.scene]
     if foreign:
-        found.append(f"where {named(foreign)} look as they do: meshes and other scenes' actors are not written")
-    if any(one.is_ego_body for one in drive.actors.values()):
-        found.append("the ego vehicle's body: its mesh is not written")
+        losses.append(f"where {named(foreign)} look as they do: meshes and other scenes' actors are not written")
+    if any(actor.is_ego_body for actor in drive.actors.values()):
+        losses.append("the ego vehicle's body: its mesh is not written")
     if drive.static_copies or len(drive.static_removals):
-        found.append("copied and removed boxes of the static world are not written")
+        losses.append("copied and removed boxes of the static world are not written")
     if sensors and scenario.sensors is not None:
-        found.append("the scenario's sensors are not written")
+        losses.append("the scenario's sensors are not written")
     if scenario.simulation is not None and scenario.simulation.actors:
-        found.append("the actors' models of simulation.actors are not written: they go as the edits have them")
-    return found
+        losses.append("the actors' models of simulation.actors are not written: they go as the edits have them")
+    return losses
 
 
 def named(names: list[str]) -> str:
@@ -265,8 +265,8 @@ def _write_alpasim(path: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
 
 
 WRITERS = {
-    one.name: one
-    for one in (
+    form.name: form
+    for form in (
         ScenarioFormat("alpasim", "a scene for AlpaSim's runtime, which `unisim serve` renders", _write_alpasim),
         ScenarioFormat("openscenario", "ASAM OpenSCENARIO XML 1.3", _write_openscenario),
     )

@@ -118,16 +118,16 @@ def content_digests(paths: Sequence[Path]) -> dict[Path, str]:
         cached = {name: (tuple(stamp), digest) for name, (stamp, digest) in json.loads(store.read_bytes()).items()}
     except (OSError, ValueError, TypeError, AttributeError, RecursionError):
         cached = {}
-    digests, kept = {}, {}
+    digests, current = {}, {}
     for path in paths:
         name, now_ns, stamp = str(path.resolve()), time.time_ns(), file_stamp(path)
         known = cached.get(name)
         digests[path] = known[1] if known is not None and known[0] == stamp else sha256_of_file(path)
         if now_ns - max(stamp[2:]) > FRESH_NS:
-            kept[name] = (stamp, digests[path])
-    if kept != cached:
+            current[name] = (stamp, digests[path])
+    if current != cached:
         with suppress(OutputError):  # a cache that cannot be written costs time and nothing else
-            write_file(store, json.dumps(kept).encode())
+            write_file(store, json.dumps(current).encode())
     return digests
 
 
@@ -139,9 +139,9 @@ def hold_folder(folder: Path) -> Iterator[None]:
     that ends. This process may hold a folder several times. A file system that has no locks is not held. A folder that
     was made and is still empty at the end is removed. Raises `OutputError` where another process holds the folder.
     """
-    made = False
+    is_new = False
     try:
-        made = not folder.exists()
+        is_new = not folder.exists()
         folder.mkdir(parents=True, exist_ok=True)
         lock = _Lock.of(folder)
     except FileExistsError as error:
@@ -154,7 +154,7 @@ def hold_folder(folder: Path) -> Iterator[None]:
         yield
     finally:
         lock.release()
-        if made:
+        if is_new:
             with suppress(OSError):
                 folder.rmdir()
 
@@ -174,7 +174,7 @@ def holds_out(function: Callable[Params, ResultT]) -> Callable[Params, ResultT]:
 class _Lock:
     """A lock of a folder that this process holds ``count`` times."""
 
-    held: ClassVar[dict[tuple[int, int], _Lock]] = {}
+    locks: ClassVar[dict[tuple[int, int], _Lock]] = {}
     guard: ClassVar[threading.Lock] = threading.Lock()
 
     def __init__(self, key: tuple[int, int], descriptor: int) -> None:
@@ -186,7 +186,7 @@ class _Lock:
         with cls.guard:
             about = folder.stat()
             key = about.st_dev, about.st_ino
-            own = cls.held.get(key)
+            own = cls.locks.get(key)
             if own is not None and own.process == os.getpid():
                 own.count += 1
                 return own
@@ -202,7 +202,7 @@ class _Lock:
             if not free:
                 os.close(descriptor)
                 return None
-            cls.held[key] = lock = cls(key, descriptor)
+            cls.locks[key] = lock = cls(key, descriptor)
             return lock
 
     def release(self) -> None:
@@ -211,7 +211,7 @@ class _Lock:
             self.count -= 1
             if self.count == 0:
                 os.close(self.descriptor)
-                del self.held[self.key]
+                del self.locks[self.key]
 
 
 def _locked(descriptor: int) -> bool:

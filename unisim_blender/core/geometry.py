@@ -68,7 +68,7 @@ def quaternion_from_yaw(yaw_rad: FloatArray | float) -> FloatArray:
 def rotation_from_angles(yaw_rad: FloatArray, pitch_rad: FloatArray, roll_rad: FloatArray) -> FloatArray:
     """Return rotations (..., 3, 3) of angles (...), radians: yaw about z, then pitch about y (nose down is positive), then roll
     about x (left side up is positive)."""
-    (cy, cp, cr), (sy, sp, sr) = ([f(one) for one in (yaw_rad, pitch_rad, roll_rad)] for f in (np.cos, np.sin))
+    (cy, cp, cr), (sy, sp, sr) = ([f(angle) for angle in (yaw_rad, pitch_rad, roll_rad)] for f in (np.cos, np.sin))
     rows = [
         [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
         [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
@@ -300,16 +300,18 @@ def split_trajectories(
     later[ends[:-1] - 1] = True
     norms = np.sqrt((quaternions_wxyz * quaternions_wxyz).sum(1))
     arrays = times_s, positions, quaternions_wxyz
-    sound = later.all() and bool((np.abs(norms - 1) <= 1e-9).all()) and all(np.isfinite(one).all() for one in arrays)
+    sound = (
+        later.all() and bool((np.abs(norms - 1) <= 1e-9).all()) and all(np.isfinite(values).all() for values in arrays)
+    )
     if not sound or 0 in counts:
-        return [Trajectory(*(one[part] for one in arrays)) for part in parts]
-    found = []
+        return [Trajectory(*(values[part] for values in arrays)) for part in parts]
+    trajectories = []
     for part in parts:
         trajectory: Trajectory = object.__new__(Trajectory)
-        for name, one in zip(("times_s", "positions", "quaternions_wxyz"), arrays, strict=True):
-            object.__setattr__(trajectory, name, one[part])
-        found.append(trajectory)
-    return found
+        for name, values in zip(("times_s", "positions", "quaternions_wxyz"), arrays, strict=True):
+            object.__setattr__(trajectory, name, values[part])
+        trajectories.append(trajectory)
+    return trajectories
 
 
 def box_corners(pose: FloatArray, size_m: FloatArray) -> FloatArray:

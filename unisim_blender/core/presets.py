@@ -81,7 +81,7 @@ def preset(name: str) -> Preset:
 
 def methods() -> tuple[str, ...]:
     """Return the methods that scenes can be trained by."""
-    return tuple(dict.fromkeys(one.method for one in PRESETS.values()))
+    return tuple(dict.fromkeys(preset.method for preset in PRESETS.values()))
 
 
 OUR_WEIGHTS = LossWeights(

@@ -75,10 +75,10 @@ def _is_earlier(finder: object) -> bool:
 
 def entries(group: str) -> list[EntryPoint]:
     """Return the entry points of a group, by name. What they load may import this package as ``unisim_blender``."""
-    found = sorted(entry_points(group=group), key=lambda entry: entry.name)
-    if found:
+    points = sorted(entry_points(group=group), key=lambda entry: entry.name)
+    if points:
         answer_to_own_name()
-    return found
+    return points
 
 
 T = TypeVar("T")

@@ -16,7 +16,7 @@ from ..editing.images.comparison import (
     PixelRectangle,
     RecordedImageRequest,
     RecordedImages,
-    Shown,
+    ShownImage,
     difference,
     errors,
     hatched,
@@ -53,7 +53,7 @@ class ViewComparison:
         self.turn = False
         """Whether the recorded image was drawn last, where images flicker."""
         self._request: RecordedImageRequest | None = None
-        self._shown: Shown | None = None
+        self._shown: ShownImage | None = None
         self._textures: dict[str, Any] = {}
         self._texture_keys: dict[str, object] = {}
 
@@ -169,7 +169,7 @@ class ViewComparison:
                 self._put("rendered", marked if over is None else hatched(marked, over), rendered_key)
             draw_part(self._textures["rendered"], rectangle, split, 1.0)
 
-    def _metrics_text(self, shown: Shown, srgb: NDArray[np.uint8], seen: tuple[slice, slice]) -> str:
+    def _metrics_text(self, shown: ShownImage, srgb: NDArray[np.uint8], seen: tuple[slice, slice]) -> str:
         metrics = errors(shown.srgb[seen], shown.covered[seen], srgb[seen])
         if metrics is None:
             return ""

@@ -119,8 +119,8 @@ class Course:
         if self.is_straight:
             return points_xy[:, 0], points_xy[:, 1]
         last = len(self.pieces) - 1
-        found = [piece.coordinates(points_xy, i == 0, i == last) for i, piece in enumerate(self.pieces)]
-        along, beside = (np.stack(values) for values in zip(*found, strict=True))
+        own = [piece.coordinates(points_xy, i == 0, i == last) for i, piece in enumerate(self.pieces)]
+        along, beside = (np.stack(values) for values in zip(*own, strict=True))
         nearest = np.abs(beside).argmin(0)[None]
         return np.take_along_axis(along, nearest, 0)[0], np.take_along_axis(beside, nearest, 0)[0]
 

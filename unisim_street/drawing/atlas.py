@@ -61,11 +61,11 @@ def _halves(model: AssetModel, normal: FloatArray, offset: float) -> tuple[Asset
     return _joined([model.of(below), pieces[0]]), _joined([model.of(above), pieces[1]])
 
 
-def _part_below(model: AssetModel, distance: FloatArray, kept: BoolArray) -> AssetModel:
-    """Of triangles with some corners (F, 3) kept, the part with those: one triangle where one is, two where two are."""
+def _part_below(model: AssetModel, distance: FloatArray, is_below: BoolArray) -> AssetModel:
+    """Cut triangles to the side of the corners that ``is_below`` (F, 3) marks: one triangle for one corner, two for two."""
     values = np.concatenate([model.corners, model.normals, model.uv], -1).astype(np.float64)
-    single = kept.sum(1) == 1
-    lone = np.where(single, kept.argmax(1), (~kept).argmax(1))  # the corner that stands alone on its side
+    single = is_below.sum(1) == 1
+    lone = np.where(single, is_below.argmax(1), (~is_below).argmax(1))  # the corner that stands alone on its side
     order = (lone[:, None] + np.arange(3)) % 3
     rows = np.arange(len(values))[:, None]
     values, distance = values[rows, order], distance[rows, order]

@@ -322,14 +322,14 @@ class TracedTriangles(TracedShape):
         """The normals of the side that the rays come from."""
         hits = self._mesh.first_hits(points - _BACK_M * directions, directions, 0.0)
         u, v = hits.uv[:, :1].astype(np.float64), hits.uv[:, 1:].astype(np.float64)
-        found = hits.face >= 0
-        face = np.where(found, hits.face, 0)
+        hit = hits.face >= 0
+        face = np.where(hit, hits.face, 0)
         soft = self.soft[face].astype(np.float64)
         soft = soft[:, 0] * (1 - u - v) + soft[:, 1] * u + soft[:, 2] * v
         soft /= np.maximum(np.linalg.norm(soft, axis=1, keepdims=True), 1e-9)
         own = self.face_normals[face].astype(np.float64)
         # a ray along an edge may miss it on its second way: it is taken as hit head-on
-        own, soft = (np.where(found[:, None], n, -directions) for n in (own, soft))
+        own, soft = (np.where(hit[:, None], n, -directions) for n in (own, soft))
         behind = (own * directions).sum(1, keepdims=True) > 0
         return np.where(behind, -own, own), np.where(behind, -soft, soft)
 

@@ -94,7 +94,7 @@ def made(
         done = convert(source, writer_named(request.param), out)
     except ModuleNotFoundError as error:
         pytest.skip(what_is_missing(error))
-    assert done.written > FRAMES and not done.kept
+    assert done.written > FRAMES and not done.reused
     return request.param, open_log(done.opens)
 
 

@@ -50,7 +50,7 @@ def converted(log: Path, layout: str, out: Path, stop_after: int | None = None) 
             raise KeyboardInterrupt
 
     try:
-        convert(open_source(log), writer_named(layout), out, on_kept=kept.append, on_capture=after)
+        convert(open_source(log), writer_named(layout), out, on_reused=kept.append, on_capture=after)
     except ModuleNotFoundError as error:
         pytest.skip(what_is_missing(error))
     return kept

@@ -64,18 +64,18 @@ def test_of_a_street_shifted_sensors_have_exact_ones_beside_them(tmp_path: Path)
         "shifted 2 m": "shifted 2 m, exact",
     }  # fmt: skip
     recorded, shifted = rows["recorded"], rows["shifted 2 m, exact"]
-    stage = recorded.simulation.stage
-    assert {one.capture.frame for one in stage.exposures} == {1, 2}  # the first frame's begin before it
-    images, sweeps = recorded.sensors.render(stage.drive, stage.exposures)
+    context = recorded.simulation.context
+    assert {one.capture.frame for one in context.exposures} == {1, 2}  # the first frame's begin before it
+    images, sweeps = recorded.sensors.render(context.drive, context.exposures)
     there = open_log(log)
     np.testing.assert_array_equal(images[0].rgb, there.image(CAMERA, 1))
-    lidar = stage.drive.lidars[LIDAR]
+    lidar = context.drive.lidars[LIDAR]
     points = transform_points(
         lidar.world_from_lidar.at(lidar.time_s[1]), np.stack([sweeps[0].points[a] for a in "xyz"], -1)
     )
     np.testing.assert_allclose(points, there.sweep(LIDAR, 1).points, atol=1e-4)
-    moved = shifted.simulation.stage.drive.world_from_ego.at(0.1) - stage.drive.world_from_ego.at(0.1)
+    moved = shifted.simulation.context.drive.world_from_ego.at(0.1) - context.drive.world_from_ego.at(0.1)
     assert np.hypot(*moved[:2, 3]) == pytest.approx(2.0)
-    first = [one for one in shifted.simulation.stage.exposures if one.capture.sensor_id == CAMERA][:1]
-    (aside,), _ = shifted.sensors.render(shifted.simulation.stage.drive, first)
+    first = [one for one in shifted.simulation.context.exposures if one.capture.sensor_id == CAMERA][:1]
+    (aside,), _ = shifted.sensors.render(shifted.simulation.context.drive, first)
     assert np.mean(np.any(aside.rgb != images[0].rgb, -1)) > 0.5

@@ -17,14 +17,14 @@ from unisim_blender.core.geometry import Trajectory, quaternion_from_matrix, tra
 from unisim_blender.core.render import observed_space
 from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.observed_space import (
-    ELEVATIONS,
+    ELEVATION_CELLS,
     ObservedSpace,
     Observing,
+    cache_space,
+    cached_space,
     closed,
     dilated,
     direction_parts,
-    keep_space,
-    kept_space,
     observe_space,
     spread,
 )
@@ -76,7 +76,7 @@ def random_space(backend: Observing, seed: int = 0) -> ObservedSpace:
     rng = np.random.default_rng(seed)
     coarse = rng.random([-(-count // 4) for count in shown.shape]) < 0.05
     passed = coarse.repeat(4, 0).repeat(4, 1).repeat(4, 2)[: shown.shape[0], : shown.shape[1], : shown.shape[2]]
-    background = rng.random((ELEVATIONS, 2 * ELEVATIONS)) < 0.5
+    background = rng.random((ELEVATION_CELLS, 2 * ELEVATION_CELLS)) < 0.5
     empty = observed_space._Observing(header, (1, 1, 1), voxel_m)
     return ObservedSpace(empty.volume_from_world, empty.size_m, voxel_m, np.asarray(shown) > 0, passed, background)
 
@@ -229,15 +229,15 @@ def test_it_is_kept_for_the_next_time(
     backend: CompiledBackend, space: ObservedSpace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("UNISIM_CACHE", str(tmp_path))
-    assert kept_space(*backend.observed) is None
-    keep_space(backend.scene.header, space)
-    found = kept_space(*backend.observed)
+    assert cached_space(*backend.observed) is None
+    cache_space(backend.scene.header, space)
+    found = cached_space(*backend.observed)
     assert found is not None
     for name in ("volume_from_world", "size_m", "shown", "passed", "background"):
         np.testing.assert_array_equal(getattr(found, name), getattr(space, name))
     (file,) = (tmp_path / "observed").iterdir()
     file.write_bytes(file.read_bytes()[:-100])
-    assert kept_space(*backend.observed) is None, "a broken file counts"
+    assert cached_space(*backend.observed) is None, "a broken file counts"
 
 
 def test_gaps_between_rays_are_closed_and_no_more() -> None:
@@ -249,7 +249,7 @@ def test_gaps_between_rays_are_closed_and_no_more() -> None:
 
 
 def test_directions_go_round() -> None:
-    seen = np.zeros((ELEVATIONS, 2 * ELEVATIONS), bool)
+    seen = np.zeros((ELEVATION_CELLS, 2 * ELEVATION_CELLS), bool)
     behind = np.array([[-1.0, 1e-6, 0.0]])
     seen[direction_parts(behind)] = True
     seen = spread(seen)

@@ -1,4 +1,8 @@
-"""Recorded trajectories by arc length, and paths that come to other paths."""
+"""Recorded trajectories by arc length, and paths that come to other paths.
+
+Nothing jumps: in random scenes no box moves further in a step than its speed allows, whatever its model. Points along a
+polyline and beside it are held against places sampled along it.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +10,17 @@ import math
 
 import numpy as np
 import pytest
-from recorded_traffic import actor, bend, keys, recording, standing, straight
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from recorded_traffic import PERSON, actor, bend, ego_box, jumps, keys, recording, run, standing, straight
 
-from unisim_blender.core.geometry import Trajectory, make_pose, quaternion_from_yaw
+from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw
+from unisim_blender.core.simulation.actors import Attack, Auto, CutIn, Idm, Lane, Model, Replay, Scripted
 from unisim_blender.core.simulation.actors.lead import Way, swept
+from unisim_blender.core.simulation.actors.models.scripted import ScriptedKey
+from unisim_blender.core.simulation.states import Footprint
 from unisim_blender.core.world.actor_path import ActorPath, joined, yaw_of
+from unisim_blender.core.world.polyline import Polyline, spaced
 
 
 def path_of(trajectory: Trajectory) -> ActorPath:
@@ -204,3 +214,99 @@ def test_stops_are_kept_through_a_join() -> None:
     (kept,) = path.stops
     assert kept.s_m == pytest.approx(stop.s_m - 10.0) and kept.leave_s == stop.leave_s
     assert joined(lane, 40.0, (40.0, 0.0, 0.75), (1.0, 0, 0, 0), 5.0).stops == ()
+
+
+SECONDS = 8.0
+WINDOW_M = 0.05
+"""A recorded speed is a mean over half a second: with up to 2 m/s² a box moves this much further in a step of 0.1 s."""
+
+
+def of_speeds(rng: np.random.Generator) -> FloatArray:
+    """A speed at each key: smooth, at times standing."""
+    times = keys(SECONDS)
+    start, change = rng.uniform(0, 14), rng.uniform(-2, 2)
+    return np.clip(start + change * times, 0, 15)
+
+
+def trajectory(rng: np.random.Generator) -> Trajectory:
+    """Straight at a changing speed, or a bend, or standing."""
+    x, y, heading = rng.uniform(-40, 60), rng.uniform(-8, 8), rng.choice([0.0, 0.0, math.pi, math.pi / 2, 0.3])
+    kind = rng.integers(5)
+    if kind == 0:
+        return standing(x, y, heading)
+    if kind == 1:
+        return bend(keys(SECONDS), x, y, rng.uniform(2, 12), rng.uniform(0.02, 0.3) * rng.choice([-1, 1]), heading)
+    whole = straight(keys(SECONDS), x, y, of_speeds(rng), heading)
+    first, end = sorted(rng.choice(len(whole.times_s), 2, replace=False).tolist()) if kind == 2 else (0, 80)
+    part = slice(first, max(end, first + 2) + 1)
+    return Trajectory(whole.times_s[part], whole.positions[part], whole.quaternions_wxyz[part])
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([50_000, 100_000, 250_000]))
+@settings(max_examples=25, deadline=None)
+def test_nothing_jumps(seed: int, step_us: int) -> None:
+    rng = np.random.default_rng(seed)
+    kinds: list[Model] = [
+        Idm(), Auto(), Lane(), CutIn(cut_in_headway_s=4.0), Attack(), Replay(),
+        Scripted((ScriptedKey(2.0, speed_m_s=6.0), ScriptedKey(5.0, speed_m_s=0.0))),
+    ]  # fmt: skip
+    actors = [actor(f"a{index}", trajectory(rng)) for index in range(8)]
+    actors += [actor("person", trajectory(rng), "Pedestrian", PERSON)]
+    world = recording(straight(keys(SECONDS), 0, 0, of_speeds(rng)), *actors, seconds=SECONDS, seed=seed)
+    models = {one.uid: kinds[rng.integers(len(kinds))] for one in actors}
+    speed, aside, drift = rng.uniform(0, 12), rng.uniform(-4, 4), rng.uniform(-0.5, 0.5)
+
+    def ego(time_us: int) -> Footprint:
+        t = time_us / 1e6
+        return ego_box(speed * t, aside + drift * t, speed)
+
+    result = run(world, models, ego, SECONDS + 2, step_us)
+    for uid in models:
+        assert np.isfinite(result.column(uid, "speed_m_s")).all() and (result.column(uid, "speed_m_s") >= 0).all()
+        over = jumps(result, uid)
+        assert len(over) == 0 or over.max() < WINDOW_M * step_us / 100_000 + 0.02, (uid, models[uid].type, over.max())
+        headings = np.unwrap([state.heading_rad for state in result.states(uid)])
+        assert np.abs(np.diff(headings)).max() < 0.2 * 15 * step_us / 1e6 + 0.1, (uid, models[uid].type)
+
+
+HAIRPIN = np.array([[0.0, 0], [30, 0], [33, 2], [30, 4], [0, 4]])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_nearest_place_is_that_of_many_samples(seed: int) -> None:
+    rng = np.random.default_rng([28, seed])
+    points = np.cumsum(rng.normal(0, 3, (12, 2)), 0)
+    first, last = rng.uniform(-4, 4, 2)
+    before, after = (np.array([math.cos(angle), math.sin(angle)]) for angle in (first, last))
+    line = Polyline.through(points, before, after)
+    at = np.linspace(-80, line.length_m + 80, 40_001)
+    samples = np.stack([np.interp(at, line.along_m, points[:, axis]) for axis in (0, 1)], -1)
+    samples += np.minimum(at, 0)[:, None] * before + np.maximum(at - line.length_m, 0)[:, None] * after
+    for x, y in rng.uniform(-20, 20, (40, 2)).tolist():
+        away = np.hypot(samples[:, 0] - x, samples[:, 1] - y)
+        found = line.project(x, y)
+        assert found.away_m == pytest.approx(away.min(), abs=0.01)
+        place = samples[np.argmin(np.abs(at - found.along_m))]
+        assert np.hypot(*(place - [x, y])) == pytest.approx(found.away_m, abs=0.01)
+        assert abs(found.left_m) <= found.away_m + 1e-9
+        assert line.project(x, y, found.along_m) == found
+
+
+def test_of_two_parts_the_one_near_is_taken() -> None:
+    line = Polyline.through(HAIRPIN)
+    assert line.project(10, 2.5).along_m > 30
+    assert line.project(10, 2.5, 9.0)[:3] == pytest.approx((10, 2.5, 2.5))
+    assert line.project(10, 2.5, line.length_m)[:3] == pytest.approx((line.length_m - 10, 1.5, 1.5))
+
+
+def test_ends_that_do_not_go_on() -> None:
+    line = Polyline.through(np.array([[0.0, 0], [10, 0]]))
+    assert line.project(-3, 4)[:3] == pytest.approx((0, 4, 5))
+    assert line.project(13, -4)[:3] == pytest.approx((10, -4, 5))
+    assert Polyline.through(np.array([[1.0, 1]])).project(4, 5)[:3] == pytest.approx((0, 0, 5))
+
+
+def test_points_that_are_spaced() -> None:
+    points = np.array([[0.0, 0], [0.3, 0], [0.6, 0], [0.9, 0], [1.2, 0]])
+    assert spaced(points, 0.5).tolist() == [0, 2, 4]
+    assert spaced(points[:1], 0.5).tolist() == [0]

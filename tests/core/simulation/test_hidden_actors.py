@@ -39,9 +39,9 @@ def simulation(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Simulatio
 def seen(simulation: Simulation, hidden: dict[str, set[str]]) -> tuple[bytes, bytes]:
     """The first image and the first sweep, as drivers get them."""
     sensors = HiddenActors(SimulatedSensors(simulation.plan, simulation.renderer, None), hidden)
-    stage = simulation.stage
-    first = [next(one for one in stage.exposures if one.capture.sensor_id == name) for name in (CAMERA, LIDAR)]
-    (image,), (sweep,) = sensors.render(stage.drive, first)
+    context = simulation.context
+    first = [next(one for one in context.exposures if one.capture.sensor_id == name) for name in (CAMERA, LIDAR)]
+    (image,), (sweep,) = sensors.render(context.drive, first)
     assert (CAMERA in sensors.unsupported) and len(sensors.unsupported) == 1
     return image.rgb.tobytes(), sweep.points.tobytes()
 
@@ -59,7 +59,7 @@ def test_physics_knows_of_hidden_actors_and_the_scenario_renders_them(log: Path,
     rollout = roll_out(simulation, sensors=HiddenActors(sensors, {LIDAR: {LEAD}}))
     for footprints in record_of(simulation, rollout).actors:
         assert LEAD in {one.uid for one in footprints}
-    of_lidar = sum(one.capture.sensor_id == LIDAR for one in simulation.stage.exposures)
+    of_lidar = sum(one.capture.sensor_id == LIDAR for one in simulation.context.exposures)
     assert of_lidar and finish(simulation, rollout, OPTIONS).captures == of_lidar
 
 
@@ -77,8 +77,8 @@ def test_refused(simulation: Simulation, hidden: dict[str, set[str]], sentence: 
 
 def test_nothing_hidden_is_what_the_sensors_deliver(simulation: Simulation) -> None:
     plain = SimulatedSensors(simulation.plan, simulation.renderer, None)
-    stage = simulation.stage
-    images, sweeps = plain.render(stage.drive, stage.exposures[:2])
-    others = HiddenActors(plain, {}).render(stage.drive, stage.exposures[:2])
+    context = simulation.context
+    images, sweeps = plain.render(context.drive, context.exposures[:2])
+    others = HiddenActors(plain, {}).render(context.drive, context.exposures[:2])
     assert all(np.array_equal(a.rgb, b.rgb) for a, b in zip(images, others[0], strict=True))
     assert all(np.array_equal(a.points, b.points) for a, b in zip(sweeps, others[1], strict=True))

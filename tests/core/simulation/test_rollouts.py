@@ -298,7 +298,7 @@ def test_rates_of_sensors_that_are_left_out(log: Path, tmp_path: Path) -> None:
     opened = open_scenario(log, RenderOptions(renderer="surfel", sensors=("front_camera",)))
     simulation = opened.simulation(SimulationSpec(rates=rates), driver_named("constant"), tmp_path)
     assert simulation.spec.rates == {"front_camera": RateSpec(0.2)}
-    times = [one.capture.time_us for one in simulation.stage.exposures]
+    times = [one.capture.time_us for one in simulation.context.exposures]
     assert len(times) > 2 and set(np.diff(times)) == {200_000}
     with pytest.raises(ScenarioError, match="simulation.rates.rear: is not one of front_camera"):
         opened.simulation(SimulationSpec(rates={"rear": RateSpec(0.2)}), driver_named("constant"), tmp_path)
@@ -385,9 +385,9 @@ def test_the_drive_of_a_world_is_that_of_its_edits(log: Path, tmp_path: Path) ->
     simulation = open_scenario(log, RenderOptions(renderer="surfel")).simulation(
         asked, driver_named("constant"), tmp_path
     )
-    world, stage, moved = simulation.begin, simulation.stage, simulation.scenario_drive
-    while world.time_us < stage.stop_us:
-        world = step(world, Control(-2.0, 0.05), stage)
+    world, context, moved = simulation.begin, simulation.context, simulation.scenario_drive
+    while world.time_us < context.stop_us:
+        world = step(world, Control(-2.0, 0.05), context)
         wanted = moved.with_edits(edits_of(moved, world.ego_keys, world.keys, world.strayed, world.vanished_s))
         found = moved.drive_at(world)
         assert found.actors.keys() == wanted.actors.keys()
@@ -411,13 +411,13 @@ def test_cameras_have_the_scenarios_poses_long_after_the_recording(log: Path, tm
     }))  # fmt: skip
     opened = open_scenario(tmp_path / "longer.json", RenderOptions(renderer="surfel", sensors=("front_camera",)))
     simulation = opened.simulation(SimulationSpec(), driver_named("constant"), tmp_path)
-    world, stage, moved = simulation.begin, simulation.stage, simulation.scenario_drive
+    world, context, moved = simulation.begin, simulation.context, simulation.scenario_drive
     keys, seen = {key.time_s: key for key in world.ego_keys}, []
-    while world.time_us < stage.stop_us:
-        before, world = world, step(world, Control(0.5, 0.03), stage)
+    while world.time_us < context.stop_us:
+        before, world = world, step(world, Control(0.5, 0.03), context)
         keys |= {key.time_s: key for key in world.ego_keys}
         drive = moved.drive_at(world)
-        for one in stage.ended(before.time_us, world.time_us):
+        for one in context.ended(before.time_us, world.time_us):
             times = np.linspace(one.start_us, one.end_us, 4) / 1e6
             seen.append((times, drive.cameras["front_camera"].world_from_camera.at(times)))
     whole = moved.with_edits(edits_of(moved, tuple(keys[at] for at in sorted(keys)), {}, frozenset(), {}))

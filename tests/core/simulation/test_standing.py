@@ -112,14 +112,14 @@ def trajectory_of(drive: Drive, name: str) -> Trajectory:
 def test_sensors_stand_with_the_vehicle_to_the_bit(log: Path, tmp_path: Path) -> None:
     """Long after the recording, too, and in the whole drive as in each step's."""
     simulation = opened(log, tmp_path / "out", 3.0)
-    stage, world, found = simulation.stage, simulation.begin, {}
+    context, world, found = simulation.context, simulation.begin, {}
     keys = {key.time_s: key for key in world.ego_keys}
     moved = simulation.scenario_drive
-    while world.time_us < stage.stop_us:
-        before, world = world, step(world, BRAKING, stage)
+    while world.time_us < context.stop_us:
+        before, world = world, step(world, BRAKING, context)
         keys |= {key.time_s: key for key in world.ego_keys}
         drive = moved.drive_at(world)
-        for one in stage.ended(before.time_us, world.time_us):
+        for one in context.ended(before.time_us, world.time_us):
             name = one.capture.sensor_id
             sensor: Camera | Lidar = drive.cameras[name] if name in drive.cameras else drive.lidars[name]
             window, near = exposure_window(sensor, one.capture.time_s(sensor)), moved.drive_at(world, one.start_us)

@@ -1,4 +1,7 @@
-"""Images that are read as training needs them: which, when, and how many."""
+"""Images that are read as training needs them: which, when, and how many.
+
+Training and surfels use the images and sweeps between frames that belong to the frames that they use, and no others.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +15,16 @@ import pytest
 from numpy.typing import NDArray
 from small_log import write_small_log
 from small_training import SMALL
-from tiny_drive import TinyLog, tiny_drive
+from tiny_drive import TinyLog, log_with_captures_between, tiny_drive
 
 from unisim_blender.core.data.own_vehicle import given_outline, joined
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.model.scene import SceneModel
+from unisim_blender.core.render.tracers.surfels import build
 from unisim_blender.core.training import setup as training_setup
 from unisim_blender.core.training.batches import images as module
-from unisim_blender.core.training.batches.data import CameraData
+from unisim_blender.core.training.batches.data import CameraData, LidarData, lidar_captures
 from unisim_blender.core.training.batches.images import (
     AHEAD,
     STEPS_PER_IMAGE,
@@ -226,3 +230,23 @@ def test_masks_that_cannot_be_used() -> None:
     log.mask[2, 3:5] = True
     with pytest.warns(UserWarning, match="2 pixels of the upper half in the mask of front"):
         assert given_outline(log, "front", CAMERA.model) is None
+
+
+@pytest.fixture
+def log() -> TinyLog:
+    return log_with_captures_between()
+
+
+def test_images(log: TinyLog) -> None:
+    for frames, taken in (([1, 3], [1, 3, 6]), ([0, 2, 4], [0, 2, 7, 4])):
+        data = CameraData(log, ["front"], frames, None, np.zeros(3))
+        assert [frame for _, _, frame in data.views] == taken
+        assert build._chosen_images(log, "front", set(frames)) == taken
+
+
+def test_sweeps(log: TinyLog) -> None:
+    for frames, taken in (((1, 3), [1, 6, 3]), ((0, 2, 4), [0, 2, 4])):
+        assert [frame for _, frame in lidar_captures(log, ("top",), frames)] == taken
+        assert build._captures(log, "top", set(frames)) == taken
+        times = LidarData(log, ("top",), frames, np.zeros(3)).time_s
+        assert ((times > 0.2) & (times < 0.26)).any() == (6 in taken)

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from ...core.geometry import FloatArray, matrix_from_quaternion
-from ...editing.motion.keys import Keys, along_line, is_path, shifted_keys, standing_still
+from ...editing.motion.keys import TrajectoryKeys, along_line, is_path, shifted_keys, standing_still
 from ...editing.motion.retiming import later_or_earlier
 from ...editing.sampled.clock import Clock
 from ...editing.texts import Text, series
@@ -112,7 +112,7 @@ def stopped(obj: bpy.types.Object, frame: float, seconds: float, clock: Clock) -
         for curve in curves_of(obj):
             if curve.data_path != "hide_viewport":
                 _hold_value(curve, frame, later)
-    write_keys(above, *standing_still(Keys(*keys), frame, float(later(np.array(frame))), later(keys[0])))
+    write_keys(above, *standing_still(TrajectoryKeys(*keys), frame, float(later(np.array(frame))), later(keys[0])))
 
 
 def shift(obj: bpy.types.Object, left_m: float, ahead_m: float, later_s: float, clock: Clock) -> str:

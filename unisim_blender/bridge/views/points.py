@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...core.geometry import FloatArray
 from ...editing.layout.shapes import RECORDED, SIMULATED, PointColours, point_colours
-from ...editing.sensors.mounts import Recorded
+from ...editing.sensors.mounts import RecordedReturns
 from ..objects.imported import collection_of, imported_objects
 
 MAX_POINTS = 60_000
@@ -46,7 +46,7 @@ def put_points(
     return obj
 
 
-def put_recorded(scene: bpy.types.Scene, sweeps: list[Recorded]) -> None:
+def put_recorded(scene: bpy.types.Scene, sweeps: list[RecordedReturns]) -> None:
     """Show recorded returns that were read."""
     for sweep in sweeps:
         put_points(scene, sweep.lidar, RECORDED, sweep.points, sweep.attributes)

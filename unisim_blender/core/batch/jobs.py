@@ -90,8 +90,8 @@ def read_jobs(names: Sequence[Path | str], driver: str | None = None, seed: int 
     """
     jobs: list[BatchJob] = []
     taken: set[str] = set()
-    for one in names:
-        for job in _jobs_in(one):
+    for path in names:
+        for job in _jobs_in(path):
             name = _free(_slug(job.name), taken)
             taken.add(name.lower())
             own = job.driver or driver
@@ -125,8 +125,8 @@ def _jobs_of(source: JobFile) -> Iterator[BatchJob]:
         yield BatchJob(scenario.name, scenario)
         return
     for number, (values, filled, file) in enumerate(variants_of(document, source)):
-        told = ", ".join(f"{name} = {json.dumps(value)}" for name, value in values.items())
-        scenario = _checked(filled, file, f"{source}: variant {number} ({told})")
+        assignments = ", ".join(f"{name} = {json.dumps(value)}" for name, value in values.items())
+        scenario = _checked(filled, file, f"{source}: variant {number} ({assignments})")
         yield BatchJob(f"{document['name']}-{number:04d}", scenario, values, document.get("driver"))
 
 
@@ -183,10 +183,10 @@ def _slug(name: str) -> str:
 
 def _free(name: str, taken: Collection[str]) -> str:
     """Return the name, numbered where it is ``taken``, in small letters: their case makes no difference on some file systems."""
-    number, found = 2, name
-    while found.lower() in taken:
-        found, number = f"{name}-{number}", number + 1
-    return found
+    number, unique = 2, name
+    while unique.lower() in taken:
+        unique, number = f"{name}-{number}", number + 1
+    return unique
 
 
 SWEEP_FORMAT = "unisim-sweep"
@@ -286,23 +286,25 @@ def _rows(document: dict[str, Any], path: Path) -> list[Sequence[Any]]:
     """Return the values of the parameters, a row for each variant."""
     parameters, sampling = document["parameters"], document.get("sampling", {"method": "grid"})
     method = sampling["method"]
-    for name, one in parameters.items():
-        kinds = [kind for kind in (*CHOICES, *DRAWN) if kind in one]
+    for name, parameter in parameters.items():
+        kinds = [kind for kind in (*CHOICES, *DRAWN) if kind in parameter]
         if len(kinds) != 1:
             raise ScenarioError(f"{path}: parameters.{name}: must have one of {', '.join((*CHOICES, *DRAWN))}")
-        if kinds[0] in DRAWN and one[kinds[0]][0] > one[kinds[0]][1]:
+        if kinds[0] in DRAWN and parameter[kinds[0]][0] > parameter[kinds[0]][1]:
             raise ScenarioError(f"{path}: parameters.{name}.{kinds[0]}: its lower end lies above its upper one")
         if method == "grid" and kinds[0] in DRAWN:
             raise ScenarioError(f"{path}: parameters.{name}.{kinds[0]}: a grid has no draws; give values or a range")
     if method == "grid":
-        choices = [_choices(one) for one in parameters.values()]
+        choices = [_choices(parameter) for parameter in parameters.values()]
         if int(np.prod([len(some) for some in choices], dtype=float)) > MOST_VARIANTS:
             raise ScenarioError(f"{path}: parameters: make more than {MOST_VARIANTS} variants")
         return list(itertools.product(*choices))
     if "count" not in sampling:
         raise ScenarioError(f"{path}: sampling.count: is missing; the method {method} needs it")
     draws = _draws(method, sampling["count"], len(parameters), sampling.get("seed", 0))
-    return [[_value(one, u) for one, u in zip(parameters.values(), row, strict=True)] for row in draws.tolist()]
+    return [
+        [_value(parameter, u) for parameter, u in zip(parameters.values(), row, strict=True)] for row in draws.tolist()
+    ]
 
 
 def _draws(method: str, count: int, parameters: int, seed: int) -> FloatArray:

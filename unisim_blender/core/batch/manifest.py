@@ -23,7 +23,7 @@ def repeat_command(unit: Unit, store: Store, scenario: str) -> str:
         driver, seed, formats = unit.driver, unit.asked.seed, unit.formats
     elif isinstance(unit, FormatsUnit):
         formats = unit.formats
-    elif frames := ",".join(str(one.moment.frame) for one in unit.work if one.moment.frame is not None):
+    elif frames := ",".join(str(item.moment.frame) for item in unit.work if item.moment.frame is not None):
         options = replace(options, frames=frames)
     command, name, *more = repeat_words(scenario, options, driver, seed, formats)
     return shlex.join(["unisim", command, store.where(name), *more, "--out", f"repeat-{unit.name}"])
@@ -49,7 +49,7 @@ def repeat_words(
 
 def _options(options: RenderOptions) -> list[str]:
     """Return the options that `unisim render` and `unisim drive` share."""
-    found: list[str] = []
+    words: list[str] = []
     for name, value in (
         ("sensors", ",".join(options.sensors or ())),
         ("width", options.width),
@@ -59,8 +59,8 @@ def _options(options: RenderOptions) -> list[str]:
         ("device", options.device if options.device != "cpu" else None),
     ):
         if value:
-            found += [f"--{name}", str(value)]
-    return found
+            words += [f"--{name}", str(value)]
+    return words
 
 
 def _whole(place: Path | str) -> str:
@@ -84,16 +84,19 @@ def make_manifest(
     """
     units = {unit.variant: unit.name for unit in plan.units}  # a rollout's variant has one unit
     variants: dict[str, Any] = {}
-    for one in plan.variants:
-        scenario = scenario_name(one.job.name)
-        entry = {**one.about, "repeat": repeat_words(scenario, plan.options, one.job.driver, one.job.seed, one.formats)}
-        if one.moments is not None:
-            entry["moments"] = one.moments
-            if one.formats and one.job.name in formats:
-                entry["files"] = _files(formats[one.job.name].files)
-        elif (record := records.get(units[one.job.name])) is not None:
+    for variant in plan.variants:
+        scenario = scenario_name(variant.job.name)
+        entry = {
+            **variant.about,
+            "repeat": repeat_words(scenario, plan.options, variant.job.driver, variant.job.seed, variant.formats),
+        }
+        if variant.moments is not None:
+            entry["moments"] = variant.moments
+            if variant.formats and variant.job.name in formats:
+                entry["files"] = _files(formats[variant.job.name].files)
+        elif (record := records.get(units[variant.job.name])) is not None:
             entry["rollout"] = {"files": _files(record.files), "scores": record.scores}
-        variants[one.job.name] = entry
+        variants[variant.job.name] = entry
     captures = {
         identity: {
             "files": _files(entry.files),
@@ -118,4 +121,4 @@ def make_manifest(
 
 
 def _files(files: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: asdict(one) for name, one in files.items()}
+    return {name: asdict(file) for name, file in files.items()}

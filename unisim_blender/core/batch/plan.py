@@ -56,7 +56,7 @@ class CaptureUnit:
     @property
     def captures(self) -> int:
         """Number of images and sweeps."""
-        return sum(len(one.captures) for one in self.work)
+        return sum(len(item.captures) for item in self.work)
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class BatchPlan:
     def document(self) -> bytes:
         """Return what the batch is, as JSON: equal for equal inputs, settings and code."""
         units = [
-            {"unit": unit.name, "variant": unit.variant, "scene": unit.scene, "makes": _made(unit)}
+            {"unit": unit.name, "variant": unit.variant, "scene": unit.scene, "makes": _products(unit)}
             for unit in self.units
         ]
         return json_bytes(
@@ -157,14 +157,14 @@ class BatchPlan:
                 "code": code_identity(),
                 "environment": environment(self.options.device),
                 "captures": self.counts(),
-                "variants": {one.job.name: one.about for one in self.variants},
+                "variants": {variant.job.name: variant.about for variant in self.variants},
                 "units": units,
             }
         )
 
     def with_formats(self) -> tuple[str, ...]:
         """Return the names of the variants of whose captures whole formats are made, after these."""
-        return tuple(one.job.name for one in self.variants if one.moments is not None and one.formats)
+        return tuple(variant.job.name for variant in self.variants if variant.moments is not None and variant.formats)
 
     def counts(self) -> dict[str, int]:
         """Return the counts of images and sweeps of open-loop variants."""
@@ -211,7 +211,7 @@ def plan_batch(
             )
             on_job(job)
             continue
-        identities, found, work = CaptureIdentities(plan), dict[str, dict[str, str]](), list[MomentWork]()
+        identities, moments_captures, work = CaptureIdentities(plan), dict[str, dict[str, str]](), list[MomentWork]()
         for moment in plan.moments:
             captures = identities.of_moment(moment)
             asked += len(captures)
@@ -221,15 +221,15 @@ def plan_batch(
                     owned.add(identity[0])
                     new[capture] = identity
             rendered += len(new)
-            found[moment.name] = {capture: identity for capture, (identity, _) in captures.items()}
+            moments_captures[moment.name] = {capture: identity for capture, (identity, _) in captures.items()}
             labels = _labels(plan, moment)
             if labels is not None:
-                found[moment.name][LABELS] = labels
+                moments_captures[moment.name][LABELS] = labels
                 labels = None if labels in owned else labels
-                owned.add(found[moment.name][LABELS])
+                owned.add(moments_captures[moment.name][LABELS])
             if new or labels is not None:
                 work.append(MomentWork(moment, new, labels))
-        variants.append(Variant(job, about, found, plan, wanted, inputs))
+        variants.append(Variant(job, about, moments_captures, plan, wanted, inputs))
         for some in _chunks(work, moments):
             units.append(CaptureUnit(f"{len(units):06d}", job.name, scene, options, plan, some, inputs))
         on_job(job)
@@ -270,7 +270,7 @@ def _chunks(work: Sequence[MomentWork], count: int) -> Iterator[tuple[MomentWork
         yield tuple(work[first : first + count])
 
 
-def _made(unit: Unit) -> list[str] | str:
+def _products(unit: Unit) -> list[str] | str:
     """Return what a unit makes: identities of captures, or a digest of the rollout's inputs."""
     if isinstance(unit, RolloutUnit):
         parts = [
@@ -278,8 +278,8 @@ def _made(unit: Unit) -> list[str] | str:
             sorted(unit.plan.scenes.values()), unit.plan.environment,
         ]  # fmt: skip
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
-    found: list[str] = []
-    for one in unit.work if isinstance(unit, CaptureUnit) else ():
-        found += [identity for identity, _ in one.captures.values()]
-        found += [] if one.labels is None else [one.labels]
-    return found
+    identities: list[str] = []
+    for item in unit.work if isinstance(unit, CaptureUnit) else ():
+        identities += [identity for identity, _ in item.captures.values()]
+        identities += [] if item.labels is None else [item.labels]
+    return identities

@@ -33,19 +33,19 @@ class Store:
     url: str
 
     @cached_property
-    def _found(self) -> tuple[Any, str]:
+    def _file_system(self) -> tuple[Any, str]:
         return file_system(self.url, OutputError)
 
     @property
     def folder(self) -> Path | None:
         """The folder on this machine; None for an object store."""
-        fs, root = self._found
+        fs, root = self._file_system
         return Path(root) if "file" in _protocols(fs) else None
 
     @property
-    def in_one_process(self) -> bool:
+    def seen_by_its_process_only(self) -> bool:
         """Whether only the process that writes it sees it."""
-        return "memory" in _protocols(self._found[0])
+        return "memory" in _protocols(self._file_system[0])
 
     def where(self, name: str) -> str:
         """Return an object's path or URL, to show."""
@@ -71,28 +71,28 @@ class Store:
 
     def sizes(self, prefix: str = "") -> dict[str, int]:
         """Return the sizes, in bytes, of all objects below a prefix, by their names. Raises `OutputError`."""
-        root = str(self._found[1]).rstrip("/")
+        root = str(self._file_system[1]).rstrip("/")
 
         def sizes(fs: Any, path: str) -> dict[str, int]:
             try:
-                found = fs.find(path, detail=True)
+                objects = fs.find(path, detail=True)
             except FileNotFoundError:
                 return {}
-            return {name[len(root) :].lstrip("/"): int(info["size"]) for name, info in found.items()}
+            return {name[len(root) :].lstrip("/"): int(info["size"]) for name, info in objects.items()}
 
         return self._tried(prefix, "listed", sizes)
 
     def times(self, prefix: str = "") -> dict[str, float]:
         """Return when the objects below a prefix were written, in seconds since 1970 by the store's clock; of a store that keeps
         no times, nothing. Raises `OutputError`."""
-        root = str(self._found[1]).rstrip("/")
+        root = str(self._file_system[1]).rstrip("/")
 
         def times(fs: Any, path: str) -> dict[str, float]:
             try:
-                found = fs.find(path, detail=True)
+                objects = fs.find(path, detail=True)
             except FileNotFoundError:
                 return {}
-            written = {name[len(root) :].lstrip("/"): _written_s(info) for name, info in found.items()}
+            written = {name[len(root) :].lstrip("/"): _written_s(info) for name, info in objects.items()}
             return {name: time_s for name, time_s in written.items() if time_s is not None}
 
         return self._tried(prefix, "listed", times)
@@ -116,7 +116,7 @@ class Store:
         return self.folder is None or hashlib.sha256((self.folder / name).read_bytes()).hexdigest() == digest
 
     def _tried(self, name: str, done: str, request: Callable[[Any, str], Result]) -> Result:
-        fs, root = self._found
+        fs, root = self._file_system
         path = f"{str(root).rstrip('/')}/{name}" if name else str(root)
         return tried(lambda: request(fs, path), f"{self.where(name)}: cannot be {done}", OutputError)
 
@@ -176,7 +176,7 @@ class UnitRecord:
 
     def every_file(self) -> Files:
         """Return all objects that the record names."""
-        return {**self.files, **{name: one for entry in self.captures.values() for name, one in entry.files.items()}}
+        return {**self.files, **{name: file for entry in self.captures.values() for name, file in entry.files.items()}}
 
 
 def scenario_name(variant: str) -> str:
@@ -205,17 +205,17 @@ def read_unit_record(store: Store, unit: str, place: str = RECORDS) -> UnitRecor
 
 def read_failures(store: Store) -> list[dict[str, Any]]:
     """Return what is noted of units that failed, in their order. Raises `OutputError`."""
-    found = [json.loads(store.read(name) or b"{}") for name in sorted(store.sizes(FAILURES))]
-    return [one for one in found if isinstance(one, dict)]
+    failures = [json.loads(store.read(name) or b"{}") for name in sorted(store.sizes(FAILURES))]
+    return [failure for failure in failures if isinstance(failure, dict)]
 
 
 def _record(values: Any) -> UnitRecord:
     captures = {
-        identity: CaptureEntry(_files(one["files"]), tuple(one["sees"]), dict(one["samples"]))
-        for identity, one in values["captures"].items()
+        identity: CaptureEntry(_files(entry["files"]), tuple(entry["sees"]), dict(entry["samples"]))
+        for identity, entry in values["captures"].items()
     }
     return UnitRecord(values["unit"], captures, _files(values["files"]), values["scores"])
 
 
 def _files(values: Mapping[str, Any]) -> Files:
-    return {name: StoredFile(str(one["sha256"]), int(one["bytes"])) for name, one in values.items()}
+    return {name: StoredFile(str(file["sha256"]), int(file["bytes"])) for name, file in values.items()}

@@ -72,7 +72,7 @@ def rows_of(manifest: Mapping[str, Any], failures: Sequence[Mapping[str, Any]]) 
 
     A variant has failed where a unit of it has, and is unfinished where captures of it, or its rollout, are missing.
     """
-    failed = {one.get("variant") for one in failures}
+    failed = {failure.get("variant") for failure in failures}
     used = _uses(manifest)
     rows = []
     for name, variant in manifest["variants"].items():
@@ -101,28 +101,28 @@ def _is_whole(variant: Mapping[str, Any], captures: Mapping[str, Any]) -> bool:
 
 
 def _scores(scores: Mapping[str, Any]) -> dict[str, Any]:
-    found = {}
+    by_title = {}
     for title, path in SCORES.items():
         value: Any = scores
         for member in path.split("."):
             value = value.get(member) if isinstance(value, Mapping) else None
         if isinstance(value, int | float):
-            found[title] = value
-    return found
+            by_title[title] = value
+    return by_title
 
 
 def _uses(manifest: Mapping[str, Any]) -> dict[str, int]:
     """Return how many variants refer to each capture."""
-    found: dict[str, int] = {}
+    uses: dict[str, int] = {}
     for variant in manifest["variants"].values():
-        for identity in {one for moment in variant.get("moments", {}).values() for one in moment.values()}:
-            found[identity] = found.get(identity, 0) + 1
-    return found
+        for identity in {digest for moment in variant.get("moments", {}).values() for digest in moment.values()}:
+            uses[identity] = uses.get(identity, 0) + 1
+    return uses
 
 
 def _images_of_rollout(rollout: Mapping[str, Any]) -> list[str]:
     """Return images of the first camera: the first and the last, and that of the first contact or the middle."""
-    images = _of_one_camera([name for name in rollout["files"] if _IMAGE.search(name)])
+    images = _of_first_camera([name for name in rollout["files"] if _IMAGE.search(name)])
     if len(images) <= SHOWN:
         return images
     hit_s = ((rollout.get("scores") or {}).get("collision") or {}).get("first_s")
@@ -136,12 +136,12 @@ def _images_of_rollout(rollout: Mapping[str, Any]) -> list[str]:
 
 def _images_of_moments(variant: Mapping[str, Any], captures: Mapping[str, Any], used: Mapping[str, int]) -> list[str]:
     """Return images of the first camera that as few other variants as possible share, spread over the moments."""
-    found: list[tuple[str, int]] = []
+    files: list[tuple[str, int]] = []
     for moment in variant.get("moments", {}).values():
-        for identity in (one for name, one in moment.items() if name.startswith("camera/")):
-            found += [(name, used[identity]) for name in captures.get(identity, {}).get("files", ())]
-    images = [(name, uses) for name, uses in found if _IMAGE.search(name)]
-    names = set(_of_one_camera([name for name, _ in images]))
+        for identity in (digest for name, digest in moment.items() if name.startswith("camera/")):
+            files += [(name, used[identity]) for name in captures.get(identity, {}).get("files", ())]
+    images = [(name, uses) for name, uses in files if _IMAGE.search(name)]
+    names = set(_of_first_camera([name for name, _ in images]))
     images = [(name, uses) for name, uses in images if name in names]
     fewest = min((uses for _, uses in images), default=0)
     rare = [name for name, uses in images if uses == fewest]
@@ -150,15 +150,15 @@ def _images_of_moments(variant: Mapping[str, Any], captures: Mapping[str, Any], 
     return [rare[0], rare[len(rare) // 2], rare[-1]]
 
 
-def _of_one_camera(names: Sequence[str]) -> list[str]:
+def _of_first_camera(names: Sequence[str]) -> list[str]:
     cameras = [name.split("/")[-2] for name in names]
     return [name for name, camera in zip(names, cameras, strict=True) if camera == cameras[0]]
 
 
 def _seconds(name: str) -> float:
     """Return the time of an image of a rollout, from its name; before all where that says none."""
-    found = re.search(r"/t(-?\d+)us\.png$", name)
-    return int(found[1]) / 1e6 if found else float("-inf")
+    match = re.search(r"/t(-?\d+)us\.png$", name)
+    return int(match[1]) / 1e6 if match else float("-inf")
 
 
 REPORT_NAME = "report.html"
@@ -236,16 +236,16 @@ def report_page(
 
 def _summary(counts: Mapping[str, int], rows: Sequence[VariantRow]) -> str:
     states = [row.state for row in rows]
-    told = [f"{len(rows)} variants"]
-    told += [f"{states.count(one)} {one}" for one in (FINISHED, FAILED, UNFINISHED) if one in states]
+    parts = [f"{len(rows)} variants"]
+    parts += [f"{states.count(name)} {name}" for name in (FINISHED, FAILED, UNFINISHED) if name in states]
     driven = [row for row in rows if row.scores]
     if driven:
-        told.append(f"{sum(row.collided for row in driven)} with a collision")
+        parts.append(f"{sum(row.collided for row in driven)} with a collision")
     captures = ""
     if counts.get("asked"):
         asked, rendered, shared = (counts.get(name, 0) for name in COUNTS)
         captures = f"<p>{asked} captures asked for, {rendered} rendered, {shared} shared by variants.</p>"
-    return f"<p>{', '.join(told)}; {counts.get('units', 0)} units.</p>{captures}"
+    return f"<p>{', '.join(parts)}; {counts.get('units', 0)} units.</p>{captures}"
 
 
 def _failures(failures: Sequence[Mapping[str, Any]]) -> Iterable[str]:
@@ -253,8 +253,10 @@ def _failures(failures: Sequence[Mapping[str, Any]]) -> Iterable[str]:
         return
     yield f'<h2>Failed units</h2><table id="failures"><thead><tr>{_heads(("unit", "variant", "why", "repeat it"))}'
     yield "</tr></thead><tbody>"
-    for one in failures:
-        unit, variant, reason, command = (str(one.get(name, "")) for name in ("unit", "variant", "reason", "command"))
+    for failure in failures:
+        unit, variant, reason, command = (
+            str(failure.get(name, "")) for name in ("unit", "variant", "reason", "command")
+        )
         cells = f"<td>{escape(unit)}</td><td>{escape(variant)}</td><td>{escape(reason)}</td>"
         yield f"<tr>{cells}<td><code>{escape(command)}</code></td></tr>"
     yield "</tbody></table>"
@@ -360,8 +362,8 @@ def thumbnails(store: Store, images: Sequence[Sequence[str]]) -> list[str]:
     ``images`` are names of objects. Variants after the first `MOST_THUMBNAILS` have none. Raises `OutputError`.
     """
     with ThreadPoolExecutor(READER_THREADS) as pool:
-        found = list(pool.map(lambda names: _strip(store, names), images[:MOST_THUMBNAILS]))
-    return found + [""] * (len(images) - len(found))
+        thumbnails = list(pool.map(lambda names: _strip(store, names), images[:MOST_THUMBNAILS]))
+    return thumbnails + [""] * (len(images) - len(thumbnails))
 
 
 def _strip(store: Store, names: Sequence[str]) -> str:

@@ -59,16 +59,16 @@ def run_batch(
     jobs: int | None = 1,
     resume: bool = False,
     on_unit: Callable[[Unit, Failure | None], object] = lambda unit, failure: None,
-    on_kept: Callable[[int], object] = lambda count: None,
+    on_reused: Callable[[int], object] = lambda count: None,
     on_step: Callable[[Step], object] = lambda step: None,
     shard: Shard | None = None,
     on_worker: Callable[[WorkerState, Unit | None], object] = lambda state, unit: None,
 ) -> BatchReport:
     """Run the units of a batch into a store, write formats of variants whose captures are all there, manifest and report.
 
-    ``on_unit`` is called after each unit, with its failure if it failed, ``on_kept`` with the number of units that were finished
-    before, and then with that of formats' units, ``on_step`` at each step of what has to be made once of a scene, before workers
-    load it, ``on_worker`` as a worker begins something else, with its unit.
+    ``on_unit`` is called after each unit, with its failure if it failed; ``on_reused`` with the number of units that were
+    finished before, then with that of formats' units; ``on_step`` at each step of preparing a scene, before workers load it;
+    ``on_worker`` when a worker's state changes, with its unit.
 
     Of a ``shard``, its units alone are run, and others may run beside it: those that are finished are kept, as by ``resume``.
     The shard after which every unit has a record writes formats, manifest and report.
@@ -87,11 +87,11 @@ def run_batch(
         if (record := finished_record(store, unit, sizes)) is not None:
             records[unit.name] = record
     to_do = [unit for unit in mine if unit.name not in records]
-    on_kept(len(records))
+    on_reused(len(records))
     for unit in {unit.scene: unit for unit in to_do if unit.captures or isinstance(unit, RolloutUnit)}.values():
         for step in unit.plan.recipe.steps():
             on_step(step)
-    kept, failures, formats = len(records), list[Failure](), dict[str, UnitRecord]()
+    reused, failures, formats = len(records), list[Failure](), dict[str, UnitRecord]()
     device = plan.options.device
     digest, code = hashlib.sha256(document).hexdigest(), code_identity()["sha256"]
     running = UnitRunning(store, digest, code, device, environment(device))
@@ -117,23 +117,23 @@ def run_batch(
                 on_unit(unit, failure)
 
     run(to_do, records)
-    units_run = len(records) - kept
+    units_run = len(records) - reused
     captures_run = sum(unit.captures for unit in to_do if unit.name in records)
     if shard is not None:
         records = _every_record(plan, store)
     if shard is None or len(records) == len(plan.units):
         whole = _formats_units(plan, records)
-        for one in whole if resume else ():
-            if (record := finished_record(store, one, sizes)) is not None:
-                formats[one.name] = record
-        on_kept(len(formats))
-        run([one for one in whole if one.name not in formats], formats)
+        for formats_unit in whole if resume else ():
+            if (record := finished_record(store, formats_unit, sizes)) is not None:
+                formats[formats_unit.name] = record
+        on_reused(len(formats))
+        run([formats_unit for formats_unit in whole if formats_unit.name not in formats], formats)
         if store.folder is not None and shard is None:
             remove_partial_files(store.folder)  # of workers that were lost
         store.write(MANIFEST_NAME, json_bytes(make_manifest(plan, records, formats)))
         write_report(store)
     return BatchReport(
-        **plan.counts(), units=len(mine), units_run=units_run, units_kept=kept,
+        **plan.counts(), units=len(mine), units_run=units_run, units_kept=reused,
         captures_run=captures_run, seconds=time.monotonic() - started, failures=tuple(failures),
     )  # fmt: skip
 
@@ -142,14 +142,24 @@ def _formats_units(plan: BatchPlan, records: Mapping[str, UnitRecord]) -> list[F
     """Return the units that write formats of variants whose captures are all there."""
     entries = {identity: entry for record in records.values() for identity, entry in record.captures.items()}
     units = []
-    for one in plan.variants:
-        if one.moments is None or not one.formats:
+    for variant in plan.variants:
+        if variant.moments is None or not variant.formats:
             continue
-        wanted = {identity for captures in one.moments.values() for identity in captures.values()}
+        wanted = {identity for captures in variant.moments.values() for identity in captures.values()}
         if wanted <= entries.keys():
             own = {identity: entries[identity] for identity in sorted(wanted)}
             options = plan.options
-            units.append(FormatsUnit(one.job.name, options, one.plan, one.formats, one.moments, own, inputs=one.inputs))
+            units.append(
+                FormatsUnit(
+                    variant.job.name,
+                    options,
+                    variant.plan,
+                    variant.formats,
+                    variant.moments,
+                    own,
+                    inputs=variant.inputs,
+                )
+            )
     return units
 
 
@@ -158,8 +168,8 @@ def _every_record(plan: BatchPlan, store: Store) -> dict[str, UnitRecord]:
     there = store.sizes(RECORDS)
     if any(record_name(unit.name) not in there for unit in plan.units):
         return {}
-    found = {unit.name: read_unit_record(store, unit.name) for unit in plan.units}
-    return {name: record for name, record in found.items() if record is not None}
+    by_name = {unit.name: read_unit_record(store, unit.name) for unit in plan.units}
+    return {name: record for name, record in by_name.items() if record is not None}
 
 
 def _note(plan: BatchPlan, document: bytes, store: Store, resume: bool, alone: bool) -> None:
@@ -178,10 +188,12 @@ def _note(plan: BatchPlan, document: bytes, store: Store, resume: bool, alone: b
     folder = store.folder
     if folder is not None and alone:
         remove_partial_files(folder)
-    for one in plan.variants:
-        name = scenario_name(one.job.name)
+    for variant in plan.variants:
+        name = scenario_name(variant.job.name)
         if there is None:
-            moved = rebased(one.job.scenario, (folder or one.job.scenario.path.parent) / name, absolute=folder is None)
+            moved = rebased(
+                variant.job.scenario, (folder or variant.job.scenario.path.parent) / name, absolute=folder is None
+            )
             store.write(name, json_bytes(scenario_to_json(moved)))
     # the plan last: where it is, the scenarios are
     if there is None:

@@ -61,6 +61,8 @@ def batch_status(store: Store) -> dict[str, Any]:
         "finished": finished,
         "seconds_left": seconds_left(times, units - finished - len(failures), now),
         "seconds_since_last": max(0.0, now - times[-1]) if times else None,
-        "failures": [{name: one.get(name) for name in ("unit", "variant", "reason", "command")} for one in failures],
+        "failures": [
+            {name: failure.get(name) for name in ("unit", "variant", "reason", "command")} for failure in failures
+        ],
         "manifest": store.read(MANIFEST_NAME) is not None,
     }

@@ -75,7 +75,7 @@ class Worker:
     """Runs units one after another, and keeps the scene that the last one loaded."""
 
     store: Store
-    _held: tuple[str, Renderer] | None = None
+    _loaded: tuple[str, Renderer] | None = None
     loaded: list[str] = field(default_factory=list)
     """The keys of the scenes that were loaded, in order."""
 
@@ -101,27 +101,27 @@ class Worker:
         captures: dict[str, CaptureEntry] = {}
         # labels need no renderer
         render = capture_renderer(unit.plan, self.renderer(unit.plan)) if unit.captures else _nothing
-        for one in unit.work:
-            captures |= self._moment(unit.plan, render, folder, one)
+        for item in unit.work:
+            captures |= self._moment(unit.plan, render, folder, item)
         return UnitRecord(unit.name, dict(sorted(captures.items())))
 
     def _moment(
-        self, plan: RenderPlan, render: RenderCapture, folder: Path, one: MomentWork
+        self, plan: RenderPlan, render: RenderCapture, folder: Path, item: MomentWork
     ) -> dict[str, CaptureEntry]:
         """Render and store what a unit makes of a moment; its entries by identity."""
-        if one.labels is None:
+        if item.labels is None:
             formats = tuple(name for name in plan.settings.formats if name != "labels")
             plan = replace(plan, settings=replace(plan.settings, formats=formats))
-        render_moment(plan, render, folder, Work(one.moment, one.captures, {}))
-        found = {}
-        for name, record in _records_of(folder, one.moment).items():
-            identity = one.labels if name == LABELS else record.identity
+        render_moment(plan, render, folder, Work(item.moment, item.captures, {}))
+        entries = {}
+        for name, record in _records_of(folder, item.moment).items():
+            identity = item.labels if name == LABELS else record.identity
             assert identity is not None
             files: Files = {}
             for file in record.files:
                 files |= self._stored(folder / file, f"{CAPTURES}/{identity[:2]}/{identity}/{file}")
-            found[identity] = CaptureEntry(files, record.sees, record.samples)
-        return found
+            entries[identity] = CaptureEntry(files, record.sees, record.samples)
+        return entries
 
     def _stored(self, path: Path, name: str) -> Files:
         """Store a file and remove it; its entry."""
@@ -133,11 +133,11 @@ class Worker:
     def renderer(self, plan: RenderPlan) -> Renderer:
         """Return a plan's renderer, the one that is held where its scene is the plan's. Raises `UnisimError`."""
         key = scene_key(plan)
-        if self._held is None or self._held[0] != key:
-            self._held = None  # two scenes may not fit
-            self._held = key, plan.recipe.load()
+        if self._loaded is None or self._loaded[0] != key:
+            self._loaded = None  # two scenes may not fit
+            self._loaded = key, plan.recipe.load()
             self.loaded.append(key)
-        return self._held[1]
+        return self._loaded[1]
 
     def _rollout(self, unit: RolloutUnit, folder: Path) -> UnitRecord:
         from ..simulation.drivers import driver_named
@@ -185,7 +185,7 @@ def finished_record(store: Store, unit: Unit, sizes: dict[str, int]) -> UnitReco
     record = read_unit_record(store, unit.name, records_of(unit))
     if record is None or record.unit != unit.name:
         return None
-    whole = all(store.holds(name, one.sha256, one.bytes, sizes) for name, one in record.every_file().items())
+    whole = all(store.holds(name, file.sha256, file.bytes, sizes) for name, file in record.every_file().items())
     return record if whole else None
 
 
@@ -221,11 +221,11 @@ def _lay_out(unit: FormatsUnit, store: Store, out: Path) -> dict[str, str]:
 def _copied(identity: str, entry: CaptureEntry, store: Store, out: Path) -> dict[str, str]:
     """Copy a capture's files; their digests by their paths in ``out``. Raises `OutputError` where one is not what was stored."""
     digests = {}
-    for name, one in entry.files.items():
+    for name, file in entry.files.items():
         data = store.read(name)
-        if data is None or hashlib.sha256(data).hexdigest() != one.sha256:
+        if data is None or hashlib.sha256(data).hexdigest() != file.sha256:
             raise OutputError(f"{store.where(name)}: is not what was stored there; render it again with --resume")
         inside = name.removeprefix(f"{CAPTURES}/{identity[:2]}/{identity}/")
         write_file(out / inside, data)
-        digests[inside] = one.sha256
+        digests[inside] = file.sha256
     return digests

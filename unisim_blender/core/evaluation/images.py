@@ -40,18 +40,22 @@ def turbo(values: NDArray[Any]) -> Pixels:
     return bytes_from_srgb((powers @ coefficients.T).astype(np.float32))
 
 
-def depth_image(depth_m: NDArray[np.float32], nearest_m: float = 2.0, furthest_m: float = 120.0) -> Pixels:
+NEAREST_M, FURTHEST_M = 2.0, 120.0
+"""Depths between which colours change."""
+WHITE_DIFFERENCE = 0.25
+
+
+def depth_image(depth_m: NDArray[np.float32]) -> Pixels:
     """Depth (H, W) by its logarithm, near in red; black where nothing was hit."""
     hit = np.isfinite(depth_m)
-    scale = np.log(np.where(hit, np.maximum(depth_m, nearest_m), furthest_m) / nearest_m) / np.log(
-        furthest_m / nearest_m
-    )
+    ratio = np.where(hit, np.maximum(depth_m, NEAREST_M), FURTHEST_M) / NEAREST_M
+    scale = np.log(ratio) / np.log(FURTHEST_M / NEAREST_M)
     return np.where(hit[..., None], turbo(1 - scale), np.uint8(0))
 
 
-def difference_image(a: NDArray[np.float32], b: NDArray[np.float32], full_at: float = 0.25) -> Pixels:
-    """How far two sRGB images (H, W, 3) are apart, channels averaged: black is equal, white ``full_at`` or more."""
-    distance = np.abs(np.asarray(a, np.float32) - b).mean(-1) / full_at
+def difference_image(a: NDArray[np.float32], b: NDArray[np.float32]) -> Pixels:
+    """How far two sRGB images (H, W, 3) are apart, channels averaged: black is equal, white `WHITE_DIFFERENCE` or more."""
+    distance = np.abs(np.asarray(a, np.float32) - b).mean(-1) / WHITE_DIFFERENCE
     return np.repeat(bytes_from_srgb(distance)[..., None], 3, -1)
 
 

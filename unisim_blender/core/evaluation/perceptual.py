@@ -144,7 +144,7 @@ class Inception:
         self.path = path
 
     def features(self, image: NDArray[np.uint8]) -> FloatArray:
-        """Of an image (H, W, 3): (F,)."""
+        """Return the features (F,) of an image (H, W, 3)."""
         with torch.no_grad():
             try:
                 out = self.network(torch.as_tensor(image.copy()).permute(2, 0, 1)[None], return_features=True)

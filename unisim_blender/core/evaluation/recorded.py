@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data.images import resize_image, shown_pixels
-from ..data.log import Log
+from ..data.log import Log, SweepRays
 from ..data.own_vehicle import Outline, shows_scene
 from ..data.sweep_cells import known_rays
 from ..geometry import BoolArray, FloatArray, intersect_boxes, invert_pose, transform_points
@@ -27,7 +27,7 @@ from ..sensors.frames import CameraFrame
 from ..sensors.rays import Rays
 from ..sensors.unprojection import image_mask
 from ..world.captures import Capture
-from ..world.drive import Actor, Camera, CameraModel, Drive
+from ..world.drive import Actor, Camera, CameraModel, Drive, LidarModel
 from ..world.own_rates import captures_of
 from .images import CaptionedImage, depth_image, difference_image, outline, sweep_image
 from .metrics import ImageArray, chamfer, lidar_metrics, mean_of, mean_squared_error, psnr, psnr_from_error, ssim
@@ -95,7 +95,7 @@ class EvaluationPlan:
     cameras: tuple[str, ...]
     lidars: tuple[str, ...]
     width: int | None
-    """Of the compared images, in pixels; None for the recorded width."""
+    """Width of the compared images, pixels; None for the recorded one."""
     trained: tuple[int, ...]
     """The frames that were trained on. The mean of the two nearest is compared, too: what copying them would give."""
     perceptual: Perceptual | None = None
@@ -143,7 +143,7 @@ def evaluate(
             images.rows.append(row)
         per_frame.append(record)
         on_frame(images)
-    metrics: dict[str, Any] = finite({**summarise(per_frame), "per_frame": per_frame})
+    metrics: dict[str, Any] = finite({**summarise_frames(per_frame), "per_frame": per_frame})
     return metrics
 
 
@@ -210,17 +210,12 @@ def scene_mask(plan: EvaluationPlan, camera: str, model: CameraModel, shown: Boo
     return scene if shown is None else scene & shown
 
 
-def psnr_over(rendered: ImageArray, recorded: ImageArray, scene: BoolArray | None) -> float:
-    """PSNR over the pixels of a mask; over all without one."""
-    return psnr(rendered, recorded) if scene is None else psnr_from_error(mean_squared_error(rendered, recorded, scene))
-
-
 def image_metrics(
     rendered: ImageArray, recorded: ImageArray, masks: dict[str, BoolArray], scene: BoolArray | None = None
 ) -> dict[str, Any]:
     """PSNR and SSIM over the frame, or the part of it that is ``scene``, and within each mask with its pixels and mean
     squared error, from which PSNR is pooled."""
-    metrics: dict[str, Any] = {"psnr_db": psnr_over(rendered, recorded, scene), "ssim": ssim(rendered, recorded, scene)}
+    metrics: dict[str, Any] = {"psnr_db": psnr(rendered, recorded, scene), "ssim": ssim(rendered, recorded, scene)}
     for name, mask in masks.items():
         error = mean_squared_error(rendered, recorded, mask)
         metrics[name] = {
@@ -256,7 +251,7 @@ def _camera_frame(
         pair = (rendered, recorded) if shown is None else (rendered * shown[..., None], recorded * shown[..., None])
         metrics["lpips"] = plan.perceptual(*pair)
     neighbours = neighbour_average(log, plan, name, frame)
-    metrics["neighbour_average_psnr_db"] = None if neighbours is None else psnr_over(neighbours, recorded, scene)
+    metrics["neighbour_average_psnr_db"] = None if neighbours is None else psnr(neighbours, recorded, scene)
     eight_bit = (recorded * 255).astype(np.uint8)
     tiles = [
         CaptionedImage(f"{name} {frame}: recorded", outline(eight_bit, inside)),
@@ -268,27 +263,44 @@ def _camera_frame(
     return metrics, tiles
 
 
+@dataclass(frozen=True)
+class ReturnCloud:
+    """Returned points (N, 3), world frame, and their intensity (N,)."""
+
+    points: FloatArray
+    intensity: NDArray[np.float32]
+
+
+def compare_rays(
+    renderer: RayRenderer, rays: SweepRays, model: LidarModel
+) -> tuple[dict[str, Any], ReturnCloud, ReturnCloud]:
+    """Render LiDAR rays: the metrics, the rendered returns, and the rays' own."""
+    depth, intensity, probability, _ = renderer.rays_lidar(rays.origins, rays.directions, rays.time_s)
+    returned = (probability >= 0.5) & (depth >= model.min_range_m) & (depth <= model.max_range_m)
+
+    def cloud(hit: BoolArray, depth_m: NDArray[np.float32], intensity: NDArray[np.float32]) -> ReturnCloud:
+        points = rays.origins[hit] + rays.directions[hit] * depth_m[hit, None].astype(np.float64)
+        return ReturnCloud(points, intensity[hit])
+
+    rendered, own = cloud(returned, depth, intensity), cloud(rays.returned, rays.depth_m, rays.intensity)
+    metrics = lidar_metrics(depth, intensity, returned, rays.depth_m, rays.intensity, rays.returned)
+    return metrics | chamfer(rendered.points, own.points), rendered, own
+
+
 def _lidar_frame(renderer: RayRenderer, log: Log, name: str, frame: int) -> tuple[dict[str, Any], list[CaptionedImage]]:
     lidar, rays = log.drive.lidars[name], known_rays(log, name, frame)
-    origins, directions = rays.origins, rays.directions
-    depth, intensity, probability, _ = renderer.rays_lidar(origins, directions, rays.time_s)
-    in_range = (depth >= lidar.model.min_range_m) & (depth <= lidar.model.max_range_m)
-    returned, recorded_returned = (probability >= 0.5) & in_range, rays.returned
-    metrics: dict[str, Any] = lidar_metrics(depth, intensity, returned, rays.depth_m, rays.intensity, recorded_returned)
-    rendered = origins[returned] + directions[returned] * depth[returned, None].astype(np.float64)
-    recorded = origins[recorded_returned] + directions[recorded_returned] * rays.depth_m[recorded_returned, None]
-    metrics |= chamfer(rendered, recorded)
+    metrics, rendered, recorded = compare_rays(renderer, rays, lidar.model)
     metrics["rays"] = len(rays.returned)
     ego_from_world = invert_pose(log.drive.world_from_ego.at(lidar.time_s[frame]))
     size = 640, 480
     tiles = [
         CaptionedImage(
             f"{name} {frame}: recorded, from above",
-            sweep_image(transform_points(ego_from_world, recorded), rays.intensity[recorded_returned], *size),
+            sweep_image(transform_points(ego_from_world, recorded.points), recorded.intensity, *size),
         ),
         CaptionedImage(
             f"rendered, median {metrics['depth_median_m'] * 100:.1f} cm",
-            sweep_image(transform_points(ego_from_world, rendered), intensity[returned], *size),
+            sweep_image(transform_points(ego_from_world, rendered.points), rendered.intensity, *size),
         ),
     ]
     return metrics, tiles
@@ -309,7 +321,7 @@ LIDAR_METRICS = (
 )
 
 
-def summarise(per_frame: list[dict[str, Any]]) -> dict[str, Any]:
+def summarise_frames(per_frame: list[dict[str, Any]]) -> dict[str, Any]:
     """All frames' metrics, those of driving frames beside them, and each sensor's own."""
     summary: dict[str, Any] = {}
     for kind, metrics in (("camera", camera_metrics), ("lidar", sweep_metrics)):

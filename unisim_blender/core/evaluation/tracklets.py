@@ -24,6 +24,7 @@ def offset_errors(true: FloatArray, poses: FloatArray) -> tuple[FloatArray, Floa
     The constant offset C that is taken off is the least-squares one: of ``inverse(true_k) pose_k`` the mean of the
     shifts and the mean of the rotations (Moakher, "Means and averaging in the group of rotations", 2002, eq. 3.2).
     """
+    assert true.shape == poses.shape, f"poses of shapes {true.shape} and {poses.shape}"
     offset = invert_pose(true) @ poses
     shifts, turns = offset[:, :3, 3], Rotation.from_matrix(offset[:, :3, :3])
     shift_m = np.linalg.norm(shifts - shifts.mean(0), axis=1)
@@ -56,7 +57,7 @@ def taken_back(
 
 
 def _rms(true: list[Actor], other: list[Actor]) -> tuple[float, float]:
-    """Of all actors' keys: metres and radians."""
+    """Return the root mean square errors of all actors' keys: metres and radians."""
     errors = [
         offset_errors(a.world_from_actor.poses, b.world_from_actor.at(a.world_from_actor.times_s))
         for a, b in zip(true, other, strict=True)

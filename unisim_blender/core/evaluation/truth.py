@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..geometry import BoolArray, FloatArray
+from ..data.log import SweepRays
+from ..geometry import BoolArray
 from ..sensors.frames import LidarFrame
-from .metrics import ImageArray, chamfer, lidar_metrics, mean_of
-from .recorded import RayRenderer, camera_metrics, finite, image_metrics
+from .metrics import ImageArray, mean_of
+from .recorded import RayRenderer, ReturnCloud, camera_metrics, compare_rays, finite, image_metrics
 
 REGIONS = (
     "edited",
@@ -38,6 +38,10 @@ class EditRegions:
     edited: BoolArray
     shadow: BoolArray
     seen: BoolArray
+
+    def __post_init__(self) -> None:
+        shapes = self.edited.shape, self.shadow.shape, self.seen.shape
+        assert len(set(shapes)) == 1, f"masks of shapes {shapes}"
 
     @property
     def changed(self) -> BoolArray:
@@ -64,35 +68,16 @@ def edit_image_metrics(rendered: ImageArray, truth: ImageArray, regions: EditReg
     return image_metrics(rendered, truth, regions.masks())
 
 
-@dataclass(frozen=True)
-class ReturnCloud:
-    """Returned points (N, 3), world frame, and their intensity (N,)."""
-
-    points: FloatArray
-    intensity: NDArray[np.float32]
-
-
 def lidar_metrics_beside(
     renderer: RayRenderer, truth: LidarFrame, blocked: BoolArray | None
 ) -> tuple[dict[str, Any], ReturnCloud, ReturnCloud]:
-    """Render the rays of a true sweep, those that the vehicle blocks left out; the metrics, and rendered
-    and true points."""
+    """Render the rays of a true sweep, those that the vehicle blocks left out; see `compare_rays`."""
     cells = np.ones(truth.returned.shape, bool) if blocked is None else ~blocked
-    origins, directions = truth.origins[cells], truth.directions[cells]
-    depth, intensity, probability, _ = renderer.rays_lidar(origins, directions, truth.time_s[cells])
-    returned = (probability >= 0.5) & (depth >= truth.model.min_range_m) & (depth <= truth.model.max_range_m)
-    true_depth, true_intensity, true_returned = truth.depth_m[cells], truth.intensity[cells], truth.returned[cells]
-    metrics: dict[str, Any] = lidar_metrics(depth, intensity, returned, true_depth, true_intensity, true_returned)
-    rendered_points = origins[returned] + directions[returned] * depth[returned, None].astype(np.float64)
-    true_points = origins[true_returned] + directions[true_returned] * true_depth[true_returned, None].astype(
-        np.float64
-    )
-    metrics |= chamfer(rendered_points, true_points)
-    return (
-        metrics,
-        ReturnCloud(rendered_points, intensity[returned]),
-        ReturnCloud(true_points, true_intensity[true_returned]),
-    )
+    rays = SweepRays(
+        truth.origins[cells], truth.directions[cells], truth.time_s[cells],
+        truth.depth_m[cells], truth.intensity[cells], truth.returned[cells],
+    )  # fmt: skip
+    return compare_rays(renderer, rays, truth.model)
 
 
 def summarise_truth(per_frame: list[dict[str, Any]]) -> dict[str, Any]:

@@ -41,7 +41,7 @@ class SceneQueue:
         for index, scene in enumerate(scenes):
             self._waiting.setdefault(scene, deque()).append(index)
 
-    def take(self, held: str | None, others: Sequence[str | None] = ()) -> int | None:
+    def take(self, loaded: str | None, others: Sequence[str | None] = ()) -> int | None:
         """Return the next unit for a worker that holds a scene; ``others`` are held by other workers. None where no
         unit waits.
 
@@ -50,9 +50,9 @@ class SceneQueue:
         waiting = {scene: units for scene, units in self._waiting.items() if units}
         if not waiting:
             return None
-        if held not in waiting:
-            held = max(waiting, key=lambda scene: len(waiting[scene]) / (1 + list(others).count(scene)))
-        return waiting[held].popleft()
+        if loaded not in waiting:
+            loaded = max(waiting, key=lambda scene: len(waiting[scene]) / (1 + list(others).count(scene)))
+        return waiting[loaded].popleft()
 
     def lost(self, index: int) -> Outcome[None] | None:
         """Have a unit whose worker was lost wait again, before the others of its scene. Where that was the last time, its outcome
@@ -66,7 +66,7 @@ class SceneQueue:
         )
 
 
-def scenes_or_one(scenes: Sequence[str] | None, units: int) -> Sequence[str]:
+def scene_of_each_unit(scenes: Sequence[str] | None, units: int) -> Sequence[str]:
     """Return the scenes of so many units: one for all, where none are given."""
     return [""] * units if scenes is None else scenes
 
@@ -167,7 +167,9 @@ class _Workers(Generic[WorkerT]):
     def feed(self, worker: WorkerT) -> None:
         """Give a worker its next unit, if one waits."""
         state = self.states[worker]
-        state.index = self.queue.take(state.scene, [one.scene for one in self.states.values() if one is not state])
+        state.index = self.queue.take(
+            state.scene, [other.scene for other in self.states.values() if other is not state]
+        )
         if state.index is None:
             self.on_worker(WorkerState(state.number, "idle"))
             return
@@ -204,10 +206,10 @@ class ThisProcess:
         if not units:
             return
         on_worker(WorkerState(0, "starting"))
-        scenes = scenes_or_one(scenes, len(units))
-        function, queue, held = make(), SceneQueue(scenes), None
-        while (index := queue.take(held)) is not None:
-            loads, held = held != scenes[index], scenes[index]
+        scenes = scene_of_each_unit(scenes, len(units))
+        function, queue, loaded = make(), SceneQueue(scenes), None
+        while (index := queue.take(loaded)) is not None:
+            loads, loaded = loaded != scenes[index], scenes[index]
             on_worker(WorkerState(0, "unit", index, loads))
             yield attempt(index, function, units[index])
         on_worker(WorkerState(0, "idle"))
@@ -230,7 +232,7 @@ class Processes:
     ) -> Outcomes[ResultT]:
         """See `Executor.run`."""
         yield from dispatch(
-            _Pool(make), units, jobs or os.cpu_count() or 1, scenes_or_one(scenes, len(units)), on_worker
+            _Pool(make), units, jobs or os.cpu_count() or 1, scene_of_each_unit(scenes, len(units)), on_worker
         )
 
 
@@ -282,11 +284,11 @@ def _serve(connection: Connection, make: MakeFunction[Any, Any]) -> None:
     end_with_parent()
     for name in THREAD_VARIABLES:
         os.environ[name] = "1"  # for libraries that are imported from here on
-    made = attempt(MAKING, make)
-    connection.send(Outcome(MAKING, error=made.error, details=made.details))
-    while made.result is not None:
+    prepared = attempt(MAKING, make)
+    connection.send(Outcome(MAKING, error=prepared.error, details=prepared.details))
+    while prepared.result is not None:
         try:
             index, unit = connection.recv()
         except EOFError:
             return
-        connection.send(attempt(index, made.result, unit))
+        connection.send(attempt(index, prepared.result, unit))

@@ -111,8 +111,8 @@ def attempt(index: int, function: Callable[..., ResultT], *arguments: Any) -> Ou
 def results_of(outcomes: Outcomes[ResultT]) -> Generator[ResultT, None, None]:
     """Yield the results of outcomes. The first error is raised, and the workers end."""
     with closing(outcomes):
-        for one in outcomes:
-            yield one.get()
+        for outcome in outcomes:
+            yield outcome.get()
 
 
 class WorkerTraceback(Exception):

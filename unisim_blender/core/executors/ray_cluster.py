@@ -19,7 +19,7 @@ from typing import Any
 from ..errors import UnisimError, in_a_line
 from ..native import VARIANT_VARIABLE, library, variant
 from ..processes import THREAD_VARIABLES
-from .dispatch import MAKING, dispatch, scenes_or_one
+from .dispatch import MAKING, dispatch, scene_of_each_unit
 from .executor import MakeFunction, OnWorker, Outcome, Outcomes, ProcessLost, ResultT, UnitT, attempt, ignore, register
 
 ADDRESS = re.compile(r"(ray://)?[^\s/:]+:\d+|ray://[^\s/:]+")
@@ -68,7 +68,9 @@ class RayCluster:
             most = jobs or _room(ray, self.gpus)
             if self.named is None:
                 _check_gpus(ray, self.gpus)
-            yield from dispatch(_Pool(ray, make, self.gpus), units, most, scenes_or_one(scenes, len(units)), on_worker)
+            yield from dispatch(
+                _Pool(ray, make, self.gpus), units, most, scene_of_each_unit(scenes, len(units)), on_worker
+            )
 
 
 register("ray", RayCluster())
@@ -121,7 +123,7 @@ def _connected(ray: Any, otherwise: str, given: dict[str, Any]) -> Iterator[None
             ray.shutdown()
         raise UnisimError(f"{otherwise}: {in_a_line(error)}") from error
     try:
-        with _told_of_raylet(ray):
+        with _explaining_raylet_loss(ray):
             yield
     finally:
         ray.shutdown()
@@ -137,7 +139,7 @@ if not sys.stdin.buffer.read():
 
 
 @contextmanager
-def _told_of_raylet(ray: Any) -> Iterator[None]:
+def _explaining_raylet_loss(ray: Any) -> Iterator[None]:
     """Have a process beside this one say why it ended where its raylet is lost: Ray then ends this process at once, exit code 1,
     in the middle of its own code, and says nothing."""
     node = ray._private.worker.global_worker.node
@@ -145,8 +147,8 @@ def _told_of_raylet(ray: Any) -> Iterator[None]:
         yield
         return
     path = node.raylet_socket_name.removeprefix("unix://")
-    told = "Ray's raylet was ended from outside (out of memory?), and Ray this process; continue with --resume"
-    command = [sys.executable, "-I", "-S", "-c", WITNESS, path, told]
+    message = "Ray's raylet was ended from outside (out of memory?), and Ray this process; continue with --resume"
+    command = [sys.executable, "-I", "-S", "-c", WITNESS, path, message]
     witness = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
     try:
         yield
@@ -218,10 +220,10 @@ def _lost_part(ray: Any) -> str:
         parts.insert(0, ("raylet", path))
     for name, address in parts:
         family = socket.AF_UNIX if isinstance(address, str) else socket.AF_INET6 if ":" in host else socket.AF_INET
-        with socket.socket(family, socket.SOCK_STREAM) as found:
-            found.settimeout(ANSWER_S)
+        with socket.socket(family, socket.SOCK_STREAM) as connection:
+            connection.settimeout(ANSWER_S)
             try:
-                found.connect(address)
+                connection.connect(address)
             except TimeoutError:
                 continue  # busy
             except OSError:
@@ -254,9 +256,9 @@ class _Actor:
     """Ray actor that runs in a worker's process."""
 
     def make(self, make: MakeFunction[Any, Any]) -> Outcome[Any]:
-        made = attempt(MAKING, make)
-        self._function = made.result
-        return Outcome(MAKING, error=made.error, details=made.details)
+        prepared = attempt(MAKING, make)
+        self._function = prepared.result
+        return Outcome(MAKING, error=prepared.error, details=prepared.details)
 
     def run(self, index: int, unit: Any) -> Outcome[Any]:
         assert self._function is not None
@@ -274,7 +276,7 @@ class _Worker:
 
 class _Pool:
     def __init__(self, ray: Any, make: MakeFunction[Any, Any], gpus: float) -> None:
-        self.ray, self.made_by = ray, ray.put(make)
+        self.ray, self.make_reference = ray, ray.put(make)
         # Ray's own retries would hold a unit until a lost node is back, so units are dispatched anew here
         self.actor = ray.remote(_Actor).options(
             num_cpus=1, num_gpus=gpus, max_restarts=0, max_task_retries=0, scheduling_strategy="SPREAD",
@@ -283,7 +285,7 @@ class _Pool:
 
     def start(self) -> _Worker:
         actor = self.actor.remote()
-        return _Worker(actor, actor.make.remote(self.made_by))
+        return _Worker(actor, actor.make.remote(self.make_reference))
 
     def send(self, worker: _Worker, index: int, unit: Any) -> None:
         worker.awaited, worker.index = worker.actor.run.remote(index, unit), index
@@ -300,8 +302,8 @@ class _Pool:
                 ) from error
             if not done and (part := _lost_part(self.ray)):
                 raise ProcessLost(f"Ray's {part} was ended from outside (out of memory?); continue with --resume")
-        for one in done:
-            yield awaited[one], self._outcome(awaited[one])
+        for reference in done:
+            yield awaited[reference], self._outcome(awaited[reference])
 
     def _outcome(self, worker: _Worker) -> Outcome[Any] | None:
         try:

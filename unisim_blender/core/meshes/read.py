@@ -26,7 +26,9 @@ from .model import (
     read_model,
     texture_pixels,
 )
-from .polygons import read_obj, read_off, read_ply
+from .obj import read_obj
+from .ply import read_ply
+from .polygons import read_off
 
 READERS = {".gltf": read_gltf, ".glb": read_gltf, ".obj": read_obj, ".ply": read_ply, ".off": read_off}
 LARGEST_M, SMALLEST_M = 100.0, 0.05

@@ -250,8 +250,8 @@ def labels_digest(drive: Drive, moment: Moment) -> str:
     times = [time, *(at for _, _, at in seen)]
     start_s, end_s = min(times) - VELOCITY_STEP_S, max(times) + VELOCITY_STEP_S
     every: list[Camera | Lidar] = [*drive.cameras.values(), *drive.lidars.values()]
-    bodies = any(one.sees_ego_body for one in every)
-    sensors = [[one.sensor_id, at, one.sees_ego_body] for one, _, at in seen]
+    bodies = any(sensor.sees_ego_body for sensor in every)
+    sensors = [[sensor.sensor_id, at, sensor.sees_ego_body] for sensor, _, at in seen]
     digest = hashlib.sha256(json.dumps([moment.time_us, frame, time, sensors, bodies]).encode())
     digest.update(np.asarray(drive.world_origin, np.float64).tobytes())
     tracks = (trajectory for _, trajectory, _ in seen)
@@ -273,11 +273,13 @@ def labels_digest(drive: Drive, moment: Moment) -> str:
 def _sensors(drive: Drive, moment: Moment) -> Iterator[tuple[Camera | Lidar, Trajectory, float]]:
     """Yield the sensors that labels have, their trajectories, and when they look."""
     frame = moment.frame
-    cameras = {one.sensor_id: one for one in moment.cameras}
-    lidars = {one.sensor_id: one for one in moment.lidars}
+    cameras = {capture.sensor_id: capture for capture in moment.cameras}
+    lidars = {capture.sensor_id: capture for capture in moment.lidars}
     if frame is not None:
-        cameras = {name: Capture.of_frame(one, frame) for name, one in drive.cameras.items() if frame in one.time_s}
-        lidars = {name: Capture.of_frame(one, frame) for name, one in drive.lidars.items() if frame in one.time_s}
+        cameras = {
+            name: Capture.of_frame(camera, frame) for name, camera in drive.cameras.items() if frame in camera.time_s
+        }
+        lidars = {name: Capture.of_frame(lidar, frame) for name, lidar in drive.lidars.items() if frame in lidar.time_s}
     for name, capture in cameras.items():
         yield drive.cameras[name], drive.cameras[name].world_from_camera, capture.time_s(drive.cameras[name])
     for name, capture in lidars.items():

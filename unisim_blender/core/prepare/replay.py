@@ -59,8 +59,8 @@ def replayed_drive(header: SceneHeader, log: Log) -> Drive:
     return replace(
         whole,
         world_from_ego=_extended(own.world_from_ego, drive.world_from_ego),
-        cameras={name: _camera(one, drive.cameras.get(name, one)) for name, one in whole.cameras.items()},
-        lidars={name: _lidar(one, drive.lidars.get(name, one)) for name, one in whole.lidars.items()},
+        cameras={name: _camera(camera, drive.cameras.get(name, camera)) for name, camera in whole.cameras.items()},
+        lidars={name: _lidar(lidar, drive.lidars.get(name, lidar)) for name, lidar in whole.lidars.items()},
         actors={uid: _actor(actor, drive.actors.get(uid, actor)) for uid, actor in own.actors.items()},
     )
 

@@ -32,15 +32,15 @@ from ..sensors.rays import Rays
 from ..sensors.unprojection import has_direction, image_mask, least_pixels_per_rad
 from ..world.drive import Actor, Camera, Lidar
 from ..world.replay import WorldState
-from .contact_shadow import NOTHING_M, shaded
+from .contact_shadow import SHADOW_CUTOFF_M, shaded
 from .lattice import NEAR_BOXES, Region, SparseImage, Tile, aligned, fill_passes, progressive_strides
 from .quality import Quality
 from .tracer import NEAR_M, Array, Backend, Maps, Tracer
 from .visibility import Reach
 
-LATTICE_PIXELS = 1.5
+MAX_LATTICE_SPACING_PX = 1.5
 """Widest spacing of a lattice, in pixels of the images that the scene was trained on."""
-LEAST_WIDTH = 16
+MIN_PREVIEW_WIDTH_PX = 16
 """Least width of a preview, in pixels."""
 
 
@@ -153,7 +153,7 @@ class Renderer:
         model = camera.model
         for stride in coarse if region == whole else ():
             early = ("rgb", "unsupported") if "unsupported" in passes else ("rgb",)
-            small = camera.resized(max(LEAST_WIDTH, model.width // stride))
+            small = camera.resized(max(MIN_PREVIEW_WIDTH_PX, model.width // stride))
             preview = self.render(state, small, time_s, early)
             height, across = preview.rgb.shape[:2]
             y, x = model.height / height, model.width / across
@@ -180,7 +180,7 @@ class Renderer:
     def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
         """Return whether what stands is rendered with the same bits at all times between two; see `tracer.Backend`."""
         backends = self.backend, self._lighting.backend
-        return all(one.is_steady(sensor_id, start_s, end_s) for one in backends)
+        return all(backend.is_steady(sensor_id, start_s, end_s) for backend in backends)
 
     def alone(self, state: WorldState, camera: Camera) -> bool:
         """Return whether a pixel's colour depends on its own ray alone."""
@@ -212,7 +212,7 @@ class Renderer:
         """Return the spacing of the lattice in pixels. An image wider than those that the scene was trained on shows
         little detail that is smaller than their pixels."""
         scale = camera.model.width / (tracer.trained_width or camera.full_width or camera.model.width)
-        return min(tracer.quality.lattice, 2 ** int(np.log2(max(LATTICE_PIXELS * scale, 1.0))))
+        return min(tracer.quality.lattice, 2 ** int(np.log2(max(MAX_LATTICE_SPACING_PX * scale, 1.0))))
 
     def _block(self, exposure: _Exposure, region: Region, whole: Region) -> CameraFrame:
         """Render a region by tracing all of its cells, and those around it that the decoder reads."""
@@ -291,11 +291,11 @@ class Renderer:
 
         seen = tracer.active.mesh_actors.seen_by(exposure.camera)
         mesh_hits = seen.hit_by_camera(exposure.camera, exposure.time_s, (u, v), flat, up, NEAR_M, light)
-        found = tracer.trace(rays, exposure.needed, True, mesh_hits, exposure.stats)
-        image = tracer.image(found, flat.directions, exposure.camera.sensor_id, u.shape)
-        if mesh_hits is not None and found.mesh_opacity is not None:
-            image = mesh_hits.over(image, found.mesh_opacity, u.shape)
-        return image, found.maps
+        traced = tracer.trace(rays, exposure.needed, True, mesh_hits, exposure.stats)
+        image = tracer.image(traced, flat.directions, exposure.camera.sensor_id, u.shape)
+        if mesh_hits is not None and traced.mesh_opacity is not None:
+            image = mesh_hits.over(image, traced.mesh_opacity, u.shape)
+        return image, traced.maps
 
     def _frame(
         self,
@@ -332,10 +332,10 @@ class Renderer:
         directions = to / distance
         rays = Rays(points - directions * np.minimum(distance, PROBE_M), directions, np.full(len(points), time_s))
         tracer = self._lighting.tracer(exposure.state, self.quality)
-        found = tracer.trace(rays, {"instance", "depth"}, True, None, RenderStats())
+        traced = tracer.trace(rays, {"instance", "depth"}, True, None, RenderStats())
         # one row of cells: a decoder that reads neighbours sees ground on both sides
-        rgb = tracer.image(found, directions, camera.sensor_id, (1, len(points)))[0, :: tracer.upsample]
-        return level_of(rgb[(found.maps["instance"] == 0) & (found.maps["depth"] < 2 * PROBE_M)])
+        rgb = tracer.image(traced, directions, camera.sensor_id, (1, len(points)))[0, :: tracer.upsample]
+        return level_of(rgb[(traced.maps["instance"] == 0) & (traced.maps["depth"] < 2 * PROBE_M)])
 
     def _shaded(self, exposure: _Exposure, image: NDArray[np.float32], rays: Rays, maps: Maps) -> NDArray[np.float32]:
         """Return the image of rays (h, w) with contact shadows on the ground."""
@@ -374,15 +374,15 @@ class Renderer:
         flat, tracer = rays.flat(), self.tracer(state)
         mesh_actors = tracer.active.mesh_actors
         mesh_hits = (mesh_actors if lidar is None else mesh_actors.seen_by(lidar)).hit_by_rays(flat, NEAR_M)
-        found = tracer.trace(rays, {"instance", "depth"}, False, mesh_hits, stats)
-        intensity, probability = tracer.returns(found, flat.directions)
-        if mesh_hits is not None and found.mesh_opacity is not None:
+        traced = tracer.trace(rays, {"instance", "depth"}, False, mesh_hits, stats)
+        intensity, probability = tracer.returns(traced, flat.directions)
+        if mesh_hits is not None and traced.mesh_opacity is not None:
             bright = np.zeros_like(intensity)
             bright[mesh_hits.ray] = mesh_hits.intensity
-            intensity = _laid_over(intensity, bright, found.mesh_opacity)
-            probability = _laid_over(probability, 1.0, found.mesh_opacity)
-        depth = np.nan_to_num(found.maps["depth"], posinf=0.0)
-        return depth, intensity, probability, found.maps["instance"].astype(np.int32)
+            intensity = _laid_over(intensity, bright, traced.mesh_opacity)
+            probability = _laid_over(probability, 1.0, traced.mesh_opacity)
+        depth = np.nan_to_num(traced.maps["depth"], posinf=0.0)
+        return depth, intensity, probability, traced.maps["instance"].astype(np.int32)
 
 
 def _needed(passes: Sequence[str], shades: bool) -> set[str]:
@@ -393,7 +393,7 @@ def _needed(passes: Sequence[str], shades: bool) -> set[str]:
 
 def reach_of(shadows: bool) -> Reach:
     """Return how far a frame depends on what its own rays do not hit, with contact shadows or without."""
-    return Reach(shadow_m=NOTHING_M if shadows else 0.0, light_m=PROBE_M + 1.0)
+    return Reach(shadow_m=SHADOW_CUTOFF_M if shadows else 0.0, light_m=PROBE_M + 1.0)
 
 
 def _laid_over(below: Array, above: Array | float, opacity: Array) -> Array:

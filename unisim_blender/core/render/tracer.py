@@ -64,8 +64,8 @@ def active_actors(state: WorldState, appearances: Mapping[str, Sequence[str] | N
     """The active actors of a state. ``appearances`` are the actors that the rows of each scene's tables belong to, the
     scene's own under "", others' under their paths, None for a scene that is one field: it has no own actors, and what
     a state says of them is left out. Raises `SceneError`."""
-    one_field = appearances[""] is None
-    actors = [a for a in state.actors if not one_field or a.appearance.scene or a.appearance.mesh]
+    scene_is_single_field = appearances[""] is None
+    actors = [a for a in state.actors if not scene_is_single_field or a.appearance.scene or a.appearance.mesh]
     foreign = {}
     for path in sorted({a.appearance.scene for a in actors if a.appearance.scene}):
         if path not in appearances:
@@ -109,9 +109,9 @@ Maps = dict[str, NDArray[Any]]
 """One array (N, ...) for each pass."""
 NEAR_M = 0.5
 """Nothing nearer to a sensor is looked at."""
-SIDE = 8
+BUNDLE_SIDE_RAYS = 8
 """Of the square of rays that are traced together."""
-EDGE_CELLS = 8
+FOREIGN_EDGE_CELLS = 8
 """How far past its edges a foreign actor is carried on, for the decoder to look at."""
 UNIFORM_STEP_M = 0.2
 """Step of a uniform march through the volume, metres: the baseline that saved samples are counted against."""
@@ -180,11 +180,11 @@ class Tracer(Protocol):
         """Trace rays (h, w), or (N,), and return their hits as flat arrays, with maps of these passes and no other.
         ``sky`` asks for what gives a camera its background, ``mesh_hits`` is where the rays hit meshes."""
 
-    def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+    def image(self, traced: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """The image (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w),
         directions (h w, 3)."""
 
-    def returns(self, found: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, traced: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
         """A LiDAR's intensities in 0..1 (N,), and the probabilities (N,) of a return."""
 
     def heights(self, points: FloatArray) -> FloatArray:
@@ -197,8 +197,12 @@ def tiled(shape: tuple[int, ...]) -> NDArray[np.int64]:
     if len(shape) < 2:
         return numbers
     h, w = shape
-    rows, columns = -(-h // SIDE) * SIDE, -(-w // SIDE) * SIDE
+    rows, columns = -(-h // BUNDLE_SIDE_RAYS) * BUNDLE_SIDE_RAYS, -(-w // BUNDLE_SIDE_RAYS) * BUNDLE_SIDE_RAYS
     padded = np.full((rows, columns), -1, np.int64)
     padded[:h, :w] = numbers
-    order = padded.reshape(rows // SIDE, SIDE, columns // SIDE, SIDE).swapaxes(1, 2).reshape(-1)
+    order = (
+        padded.reshape(rows // BUNDLE_SIDE_RAYS, BUNDLE_SIDE_RAYS, columns // BUNDLE_SIDE_RAYS, BUNDLE_SIDE_RAYS)
+        .swapaxes(1, 2)
+        .reshape(-1)
+    )
     return np.ascontiguousarray(order[order >= 0])

@@ -17,7 +17,7 @@ from ..world.drive import Actor, Appearance, Box, Drive
 from .checks import fail, listed
 from .motion.keys import Keyframe, Present, ShiftKey
 from .motion.placement import BoxSpec, Placement, pose_of, rotation_of, rotations_of
-from .motion.trajectories import held, is_moving
+from .motion.trajectories import holding_ends, is_moving
 from .types import Scenario
 
 TIME_TOLERANCE_S = 1e-6
@@ -80,7 +80,7 @@ class EditContext:
         times = self.key_times(keys, f"{place}.trajectory")
         positions = np.array([key.position for key in keys], float)
         trajectory = Trajectory(times, positions, rotations_of(keys))
-        return held(trajectory) if outside == "hold" else trajectory
+        return holding_ends(trajectory) if outside == "hold" else trajectory
 
     def presence(self, present: Present | None, place: str) -> tuple[float, float]:
         """Return when an actor is present (start, end), in seconds; an end that is not given lies outside the drive."""
@@ -104,8 +104,10 @@ class EditContext:
             actors = self.scene_actors(path)
         except UnisimError as fault:
             raise ScenarioError(f"{place}.scene: {fault}") from fault
-        found = actor_of(actors, actor, f"{place}.{member}", f"in the scene {scene}")
-        return replace(found, appearance=Appearance(found.appearance.actor, found.appearance.scene or str(path)))
+        borrowed = actor_of(actors, actor, f"{place}.{member}", f"in the scene {scene}")
+        return replace(
+            borrowed, appearance=Appearance(borrowed.appearance.actor, borrowed.appearance.scene or str(path))
+        )
 
 
 def actor_of(actors: dict[str, Actor], uid: str, place: str, where: str) -> Actor:

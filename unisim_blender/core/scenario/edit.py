@@ -62,9 +62,9 @@ EditKindT = TypeVar("EditKindT", bound=type[Edit])
 def register(kind: EditKindT) -> EditKindT:
     """Register an edit: scenarios that have it can then be read and checked. Raises `TypeError` for an
     incomplete class, `ValueError` for a name that is taken."""
-    stated, held = set(kind.members), {field.name for field in fields(kind)}
-    if stated != held:
-        raise TypeError(f'edit "{kind.type}": members {sorted(stated)} are not its fields {sorted(held)}')
+    stated, field_names = set(kind.members), {field.name for field in fields(kind)}
+    if stated != field_names:
+        raise TypeError(f'edit "{kind.type}": members {sorted(stated)} are not its fields {sorted(field_names)}')
     if stated & kind.former_names.keys() or not stated >= set(kind.former_names.values()):
         raise TypeError(
             f'edit "{kind.type}": former names {dict(kind.former_names)} do not lead to its members {sorted(stated)}'

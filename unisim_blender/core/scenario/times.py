@@ -68,11 +68,11 @@ def scenario_times_us(scenario: Scenario, drive: Drive) -> tuple[tuple[int, ...]
     """Return the times of a scenario, None where it has frames, and those of sensors with times of their own, by
     "camera/NAME" and "lidar/NAME". Raises `ScenarioError`, for times outside the recording, too, where nothing
     says what is there."""
-    found = {place: times_us(times, drive, place) for place, times in _given(scenario)}
-    for place, times in found.items():
+    times_by_place = {place: times_us(times, drive, place) for place, times in _given(scenario)}
+    for place, times in times_by_place.items():
         _check_outside(scenario, drive, place, times)
-    own = {name: found[place] for name, place, _ in sensors_with_times(scenario)}
-    return found.get(f"{scenario.path}: times"), own
+    own = {name: times_by_place[place] for name, place, _ in sensors_with_times(scenario)}
+    return times_by_place.get(f"{scenario.path}: times"), own
 
 
 def recording_us(drive: Drive) -> tuple[int, int]:
@@ -114,8 +114,8 @@ def ego_outside(scenario: Scenario) -> str | None:
 
 def actors_outside(scenario: Scenario) -> str:
     """Return what moving actors do outside the recording: "absent", "hold" or "continue"."""
-    told = scenario.outside.actors if isinstance(scenario.outside, Outside) else scenario.outside
-    return told or "absent"
+    rule = scenario.outside.actors if isinstance(scenario.outside, Outside) else scenario.outside
+    return rule or "absent"
 
 
 def _given(scenario: Scenario) -> Iterator[tuple[str, Times]]:
@@ -175,17 +175,17 @@ def carried_outside(drive: Drive, scenario: Scenario, times_us: Iterable[int]) -
         return drive
     first_s, last_s = first_us / SECOND_US - FRAME_MARGIN_S, last_us / SECOND_US + FRAME_MARGIN_S
     window = min(min(times) / SECOND_US - REACH_S, first_s), max(max(times) / SECOND_US + REACH_S, last_s)
-    told, ends = _own_rules(scenario), _stated_ends(scenario)
+    own_rules, ends = _own_rules(scenario), _stated_ends(scenario)
     rule, ego_rule = actors_outside(scenario), ego_outside(scenario)
 
     def carried(actor: Actor) -> Actor:
-        trajectory, own = actor.world_from_actor, told.get(actor.uid)
+        trajectory, own = actor.world_from_actor, own_rules.get(actor.uid)
         if own == "absent":
             return actor
         if actor.is_ego_body:
-            trajectory = _held(trajectory, first_s, last_s) if ego_rule == "hold" else trajectory
+            trajectory = _holding(trajectory, first_s, last_s) if ego_rule == "hold" else trajectory
         elif own != "continue" and (not actor.is_moving or (own is None and rule == "hold")):
-            trajectory = _held(trajectory, first_s, last_s)
+            trajectory = _holding(trajectory, first_s, last_s)
         elif own is None and rule == "absent":
             return replace(actor, start_s=max(actor.start_s, first_s), end_s=min(actor.end_s, last_s))
         start, end = actor.start_s, actor.end_s
@@ -201,13 +201,13 @@ def carried_outside(drive: Drive, scenario: Scenario, times_us: Iterable[int]) -
         return drive
     return replace(
         drive,
-        world_from_ego=_held(drive.world_from_ego, first_s, last_s),
+        world_from_ego=_holding(drive.world_from_ego, first_s, last_s),
         cameras={
-            name: replace(camera, world_from_camera=_held(camera.world_from_camera, first_s, last_s))
+            name: replace(camera, world_from_camera=_holding(camera.world_from_camera, first_s, last_s))
             for name, camera in drive.cameras.items()
         },
         lidars={
-            name: replace(lidar, world_from_lidar=_held(lidar.world_from_lidar, first_s, last_s))
+            name: replace(lidar, world_from_lidar=_holding(lidar.world_from_lidar, first_s, last_s))
             for name, lidar in drive.lidars.items()
         },
     )
@@ -215,12 +215,12 @@ def carried_outside(drive: Drive, scenario: Scenario, times_us: Iterable[int]) -
 
 def _own_rules(scenario: Scenario) -> dict[str, str | None]:
     """Return what the last edit of where an actor is says of it outside its keys, by the actors' ids."""
-    told: dict[str, str | None] = {}
+    rules: dict[str, str | None] = {}
     for edit in scenario.edits:
         uid = getattr(edit, "id", None) or getattr(edit, "actor", None)
         if uid is not None and hasattr(edit, "outside"):
-            told[uid] = edit.outside
-    return told
+            rules[uid] = edit.outside
+    return rules
 
 
 def _stated_ends(scenario: Scenario) -> set[str]:
@@ -233,7 +233,7 @@ def _stated_ends(scenario: Scenario) -> set[str]:
     return {uid for uid, is_stated in stated.items() if is_stated}
 
 
-def _held(trajectory: Trajectory, first_s: float, last_s: float) -> Trajectory:
+def _holding(trajectory: Trajectory, first_s: float, last_s: float) -> Trajectory:
     """Return a trajectory that stands still before ``first_s`` and after ``last_s``."""
     if len(trajectory.times_s) == 1:
         return trajectory

@@ -68,9 +68,9 @@ def load_backend(
     every = {"": scene, **(others or {})}
     name = backend_name(device, tuple(every.values()))
     before, now, scenes = loaded or {}, Loaded(), {}
-    for known_as, one in every.items():
-        key = name, device, one
-        scenes[known_as] = now[key] = before.get(key) or _load(name, one, device)
+    for known_as, opened in every.items():
+        key = name, device, opened
+        scenes[known_as] = now[key] = before.get(key) or _load(name, opened, device)
     if loaded is not None:
         loaded.clear()
         loaded.update(now)

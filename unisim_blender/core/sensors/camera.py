@@ -104,8 +104,8 @@ def distinct(values: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
                 here[steps] = True
                 which = (np.cumsum(here) - 1)[steps]
                 return first + np.flatnonzero(here), which.reshape(values.shape)
-    found, which = np.unique(flat, return_inverse=True)
-    return found, which.reshape(values.shape)
+    distinct, which = np.unique(flat, return_inverse=True)
+    return distinct, which.reshape(values.shape)
 
 
 def pixel_grid(model: CameraModel, step: int = 1) -> tuple[FloatArray, FloatArray]:

@@ -58,32 +58,32 @@ class BoundCheck:
     most: float
 
     @property
-    def kept(self) -> bool:
+    def holds(self) -> bool:
         """Whether the error is within the bound even then."""
         return self.most <= self.bound.most
 
 
 @dataclass(frozen=True)
 class ErrorBoundResult:
-    """Checks of a frame's bounds: the ``settings``' name in `quality.LADDER`, how many rays or patches the ``sample``
-    has, and one check for each bound."""
+    """Checks of a frame's bounds: the name of its ``settings`` in `quality.ERROR_BOUND_QUALITIES`, the number of rays or patches
+    in the ``sample``, and one check for each bound."""
 
     settings: str
     sample: int
     checks: tuple[BoundCheck, ...] = field(default=())
 
     @property
-    def kept(self) -> bool:
+    def holds(self) -> bool:
         """Whether all bounds are."""
-        return all(check.kept for check in self.checks)
+        return all(check.holds for check in self.checks)
 
     def to_json(self) -> dict[str, object]:
         """As it stands in a manifest; errors in their bounds' units, null where they are infinite."""
         errors = {
-            str(c.bound): {"estimate": c.bound.shown(c.estimate), "at_worst": c.bound.shown(c.most), "kept": c.kept}
+            str(c.bound): {"estimate": c.bound.shown(c.estimate), "at_worst": c.bound.shown(c.most), "kept": c.holds}
             for c in self.checks
         }
-        return {"settings": self.settings, "sample": self.sample, "errors": errors, "kept": self.kept}
+        return {"settings": self.settings, "sample": self.sample, "errors": errors, "kept": self.holds}
 
 
 def sample_frames(time_s: Collection[int]) -> list[int]:
@@ -94,7 +94,7 @@ def sample_frames(time_s: Collection[int]) -> list[int]:
 
 def parse_bounds(texts: Sequence[str]) -> tuple[ErrorBound, ...]:
     """Bounds as the command line writes them: "1mm", "p90:20mm", "40dB", "1.5dE". Raises `UnisimError`."""
-    found = []
+    bounds = []
     for text in texts:
         match = BOUND.fullmatch(text.strip())
         if (
@@ -106,8 +106,8 @@ def parse_bounds(texts: Sequence[str]) -> tuple[ErrorBound, ...]:
                 f'--max-error "{text}": must be a median depth error like 1mm, another percentile of it like p90:20mm, '
                 "a PSNR like 40dB, or a mean colour difference like 1.5dE, above 0"
             )
-        found.append(ErrorBound(UNITS[match[3].lower()], float(match[2]), float(match[1]) / 100 if match[1] else 0.5))
-    return tuple(sorted(set(found), key=str))
+        bounds.append(ErrorBound(UNITS[match[3].lower()], float(match[2]), float(match[1]) / 100 if match[1] else 0.5))
+    return tuple(sorted(set(bounds), key=str))
 
 
 def depth_errors(depth_m: NDArray[np.float32], truth_m: NDArray[np.float32]) -> FloatArray:

@@ -49,9 +49,9 @@ def box_silhouette(model: CameraModel, camera_from_box: FloatArray, size_m: Floa
         round_u, round_v, hit, axis_hit = _domain_edge(model, camera_from_box, size)
         if not valid.any() and axis_hit:
             return Silhouette(0.0, 0.0, float(model.width), float(model.height))
-        held = hit | np.roll(hit, 1) | np.roll(hit, -1)
-        if held.any():
-            points.append(np.stack([round_u[held], round_v[held]], -1))
+        inside = hit | np.roll(hit, 1) | np.roll(hit, -1)
+        if inside.any():
+            points.append(np.stack([round_u[inside], round_v[inside]], -1))
             gap = max(gap, _gap(round_u[None], round_v[None]))
         elif valid.any():
             gap *= 2
@@ -67,10 +67,10 @@ def covered(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArray)
     Never too small; through a pinhole, tight."""
     if not model.is_pinhole:
         parts = [box_silhouette(model, pose, size_m) for pose in camera_from_box]
-        found = [part for part in parts if part is not None]
-        if not found:
+        rectangles = [part for part in parts if part is not None]
+        if not rectangles:
             return None
-        low, high = np.min([part[:2] for part in found], 0), np.max([part[2:] for part in found], 0)
+        low, high = np.min([part[:2] for part in rectangles], 0), np.max([part[2:] for part in rectangles], 0)
         return Silhouette(*low.tolist(), *high.tolist())
     corners = transform_points(camera_from_box, _SIGNS * np.asarray(size_m, float))
     first, second = (corners[:, list(ends)] for ends in zip(*_EDGES, strict=True))

@@ -14,7 +14,7 @@ from ..world.drive import CameraModel, RollingShutter
 
 MOST_CELLS = 1 << 23
 """Larger tables are not kept."""
-KEPT = 8
+MAX_TABLES = 8
 ROWS_AT_ONCE = 64
 _tables: OrderedDict[tuple[CameraModel, int], FloatArray] = OrderedDict()
 
@@ -100,22 +100,22 @@ def _step(u: FloatArray, v: FloatArray) -> int:
 def _table(model: CameraModel, step: int) -> FloatArray:
     # the shutter does not matter to it
     key = replace(model, shutter=RollingShutter()), step
-    found = _tables.get(key)
-    if found is None:
+    table = _tables.get(key)
+    if table is None:
         rows, columns = -(-model.height // step), -(-model.width // step)
         u, v = (np.arange(columns) + 0.5) * step, (np.arange(rows) + 0.5) * step
         parts = [
             _solved(model, *np.broadcast_arrays(u, v[i : i + ROWS_AT_ONCE, None])) for i in range(0, rows, ROWS_AT_ONCE)
         ]
-        found = _tables[key] = np.concatenate(parts)
-        while len(_tables) > KEPT:
+        table = _tables[key] = np.concatenate(parts)
+        while len(_tables) > MAX_TABLES:
             _tables.popitem(last=False)
-    return found
+    return table
 
 
 def _solved(model: CameraModel, u: FloatArray, v: FloatArray) -> FloatArray:
-    found = model.unproject(u, v)
-    lost = ~np.isfinite(found[..., 2])
+    rays = model.unproject(u, v)
+    lost = ~np.isfinite(rays[..., 2])
     if lost.any():
         x, y = (np.nan_to_num((at[lost] - c) / f) for at, c, f in ((u, model.cx, model.fx), (v, model.cy, model.fy)))
         length = np.hypot(x, y)
@@ -124,5 +124,5 @@ def _solved(model: CameraModel, u: FloatArray, v: FloatArray) -> FloatArray:
         angle = min(model.lens.max_angle_rad, math.pi / 2 if model.is_pinhole else math.pi) * (1 - 1e-9)
         heading = np.where(length > 0, x / safe, 1.0), np.where(length > 0, y / safe, 0.0)
         ring = np.full(len(x), math.cos(angle))
-        found[lost] = np.stack([math.sin(angle) * heading[0], math.sin(angle) * heading[1], ring], -1)
-    return found
+        rays[lost] = np.stack([math.sin(angle) * heading[0], math.sin(angle) * heading[1], ring], -1)
+    return rays

@@ -13,7 +13,7 @@ from ..files import write_file
 from ..formats.rendered import DRIVE_NAME, FORMAT
 from ..json_file import json_bytes
 from ..render.code_identity import code_identity
-from ..render.quality import LADDER
+from ..render.quality import ERROR_BOUND_QUALITIES
 from ..world.captures import CaptureKey, Moment, name_of, time_of_name
 from ..world.drive import Appearance
 from ..world.drive_json import drive_to_json
@@ -44,7 +44,7 @@ def make_manifest(plan: RenderPlan, out: Path, last_run: dict[str, Any]) -> dict
         "samples": {name: sum(record.samples.get(name, 0) for record in every) for name in COUNTS},
         **_bounded(plan, moments),
         "frames": {
-            name: {part: _told(record) for part, record in captures.items()} for name, captures in moments.items()
+            name: {part: _entry(record) for part, record in captures.items()} for name, captures in moments.items()
         },
         "times": {name_of(key): _times(plan, key, captures) for key, captures in records.items()},
         "last_run": last_run,
@@ -82,13 +82,13 @@ def _times(plan: RenderPlan, key: CaptureKey, captures: Captures) -> dict[str, f
             [name for name in drive.cameras if f"camera/{name}" in captures],
             [name for name in drive.lidars if f"lidar/{name}" in captures],
         )
-    found = {"time_s": moment.time_s(drive)}
-    found |= {f"camera/{one.sensor_id}": one.time_s(drive.cameras[one.sensor_id]) for one in moment.cameras}
-    found |= {f"lidar/{one.sensor_id}": one.time_s(drive.lidars[one.sensor_id]) for one in moment.lidars}
-    return {name: time for name, time in found.items() if name == "time_s" or name in captures}
+    times = {"time_s": moment.time_s(drive)}
+    times |= {f"camera/{camera.sensor_id}": camera.time_s(drive.cameras[camera.sensor_id]) for camera in moment.cameras}
+    times |= {f"lidar/{lidar.sensor_id}": lidar.time_s(drive.lidars[lidar.sensor_id]) for lidar in moment.lidars}
+    return {name: time for name, time in times.items() if name == "time_s" or name in captures}
 
 
-def _told(record: Any) -> dict[str, Any]:
+def _entry(record: Any) -> dict[str, Any]:
     """Return a capture's entry in the manifest, without its errors, which have an entry of their own."""
     return {
         name: value for name, value in asdict(record).items() if name != "max_error" and (value or name == "identity")
@@ -111,7 +111,7 @@ def _bounded(plan: RenderPlan, moments: dict[str, Captures]) -> dict[str, Any]:
             "bounds": list(plan.settings.max_error),
             "kept": not broken,
             "not_kept": broken,
-            "settings": {name: asdict(quality) for name, quality in LADDER.items() if name in used},
+            "settings": {name: asdict(quality) for name, quality in ERROR_BOUND_QUALITIES.items() if name in used},
             "frames": of_moments,
         }
     }

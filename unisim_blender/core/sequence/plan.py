@@ -102,14 +102,14 @@ class CaptureIdentities:
         """Return the identities of a moment's captures, by name, cameras first."""
         if moment.key not in self._of_moments:
             drive, width = self.plan.drive, self.plan.settings.width
-            found = {}
+            identities = {}
             for capture in moment.cameras:
                 camera = drive.cameras[capture.sensor_id]
                 # as large as it is rendered: cells of a smaller image reach farther beyond its edges
-                found[f"camera/{capture.sensor_id}"] = self.of(camera.resized(width) if width else camera, capture)
+                identities[f"camera/{capture.sensor_id}"] = self.of(camera.resized(width) if width else camera, capture)
             for capture in moment.lidars:
-                found[f"lidar/{capture.sensor_id}"] = self.of(drive.lidars[capture.sensor_id], capture)
-            self._of_moments[moment.key] = found
+                identities[f"lidar/{capture.sensor_id}"] = self.of(drive.lidars[capture.sensor_id], capture)
+            self._of_moments[moment.key] = identities
         return self._of_moments[moment.key]
 
     def of_frame(self, frame: int) -> dict[str, Identity]:

@@ -52,20 +52,20 @@ def finished_moments(out: Path, wanted: Container[CaptureKey] | None = None) -> 
 def read_records(out: Path) -> dict[CaptureKey, Captures]:
     """Return the captures of all moments, in order. A record that cannot be read is removed, and its captures
     count as missing."""
-    found: dict[CaptureKey, Captures] = {}
+    records: dict[CaptureKey, Captures] = {}
     for path in sorted([*(out / STATE_FOLDER).glob("*.json"), *(out / STATE_FOLDER).glob("*.kept")]):
         try:
             captures = json.loads(path.read_bytes())["captures"]
-            found[key_of(path.stem)] = {name: _record(values) for name, values in captures.items()}
+            records[key_of(path.stem)] = {name: _record(values) for name, values in captures.items()}
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
             path.unlink(missing_ok=True)
-    return {key: found[key] for key in in_order(found)}
+    return {key: records[key] for key in in_order(records)}
 
 
 def write_record(out: Path, key: CaptureKey, captures: Captures, finished: bool) -> None:
     """Write or replace the record of a moment; remove it if there are no captures. Raises `OutputError`."""
-    record, kept = (out / STATE_FOLDER / f"{name_of(key)}{suffix}" for suffix in (".json", ".kept"))
-    stale, path = (kept, record) if finished else (record, kept)
+    record, unfinished = (out / STATE_FOLDER / f"{name_of(key)}{suffix}" for suffix in (".json", ".kept"))
+    stale, path = (unfinished, record) if finished else (record, unfinished)
     if captures:
         document = {"frame": key, "captures": {name: asdict(captures[name]) for name in sorted(captures)}}
         write_file(path, json_bytes(document))

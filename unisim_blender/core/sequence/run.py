@@ -67,13 +67,13 @@ def render_sequence(
     jobs: int = 1,
     resume: bool = False,
     on_moment: Callable[[CaptureKey], object] = lambda key: None,
-    on_kept: Callable[[int], object] = lambda count: None,
+    on_reused: Callable[[int], object] = lambda count: None,
     executor: Executor | None = None,
 ) -> RenderReport:
     """Render the plan's moments into folder ``out`` and write its manifest.
 
     Captures that are there and have the identity that is asked for are kept (`identity.py`): after an edit, only those
-    that can see it are rendered again. ``on_kept`` is called once with the number of finished moments, ``on_moment``
+    that can see it are rendered again. ``on_reused`` is called once with the number of finished moments, ``on_moment``
     after each further one. ``executor`` renders ``jobs`` moments at a time; None is this process, or a pool of ``jobs``
     processes.
 
@@ -85,15 +85,15 @@ def render_sequence(
         raise OutputError(f"{out}: is not empty; name another folder, or continue the render it holds with --resume")
     remove_partial_files(out)
     identities = CaptureIdentities(plan)
-    kept = keep_what_holds(plan, out, identities)
-    work = [Work(moment, identities.of_moment(moment), kept.get(moment.key, {})) for moment in plan.moments]
-    work = [one for one in work if one.to_render or not one.kept]
-    to_do = [one.moment.key for one in work]
+    reusable = reusable_captures(plan, out, identities)
+    work = [Work(moment, identities.of_moment(moment), reusable.get(moment.key, {})) for moment in plan.moments]
+    work = [item for item in work if item.to_render or not item.reusable]
+    to_do = [item.moment.key for item in work]
     if to_do:
         (out / MANIFEST_NAME).unlink(missing_ok=True)
-    relabelled = _write_labels(plan, out, identities, kept)
+    relabelled = _write_labels(plan, out, identities, reusable)
     timings = _read_timings(out)
-    on_kept(len(plan.moments) - len(to_do))
+    on_reused(len(plan.moments) - len(to_do))
     try:
         executor = executor or usual_executor(jobs, len(work))
         with closing(results_of(executor.run(partial(moment_renderer, plan, out), work, jobs))) as results:
@@ -109,34 +109,34 @@ def render_sequence(
         if out.is_dir():
             write_file(out / TIMINGS_NAME, json_bytes({str(key): timings[key] for key in in_order(timings)}))
     write_drive(plan, out)
-    manifest = make_manifest(plan, out, _last_run(work, kept, relabelled))
+    manifest = make_manifest(plan, out, _last_run(work, reusable, relabelled))
     write_file(out / MANIFEST_NAME, json_bytes(manifest))
     done = tuple(moment.key for moment in plan.moments if moment.key not in to_do)
     broken = tuple(manifest.get("max_error", {}).get("not_kept", ()))
-    captures = sum(len(one.to_render) for one in work)
-    there = sum(len(kept.get(moment.key, {}).keys() - {LABELS}) for moment in plan.moments)
+    captures = sum(len(item.to_render) for item in work)
+    there = sum(len(reusable.get(moment.key, {}).keys() - {LABELS}) for moment in plan.moments)
     return RenderReport(tuple(to_do), done, time.monotonic() - started, broken, captures, there)
 
 
 @dataclass(frozen=True)
 class Work:
     """A moment to render. ``wanted`` maps the names of its captures to their identities and the actors that they see;
-    ``kept`` are the records of captures that need not be rendered."""
+    ``reusable`` are the records of captures that need not be rendered."""
 
     moment: Moment
     wanted: Mapping[str, Identity]
-    kept: Captures
+    reusable: Captures
 
     @property
     def to_render(self) -> list[str]:
         """Names of the captures to render, cameras first."""
-        return [name for name in self.wanted if name not in self.kept]
+        return [name for name in self.wanted if name not in self.reusable]
 
 
-def keep_what_holds(plan: RenderPlan, out: Path, identities: CaptureIdentities) -> dict[CaptureKey, Captures]:
+def reusable_captures(plan: RenderPlan, out: Path, identities: CaptureIdentities) -> dict[CaptureKey, Captures]:
     """Remove captures whose identity differs from what is asked for, or whose files are damaged. Return the records of
     the others, by moment."""
-    kept: dict[CaptureKey, Captures] = {}
+    reusable: dict[CaptureKey, Captures] = {}
     asked = {moment.key: moment for moment in plan.moments}
     for key, captures in read_records(out).items():
         moment = asked.get(key) or _moment_there(plan, key, captures)
@@ -154,10 +154,10 @@ def keep_what_holds(plan: RenderPlan, out: Path, identities: CaptureIdentities) 
             holds = {}  # nobody would finish it
         for name in captures.keys() - holds.keys():
             remove_files(out, captures[name])
-        kept[key] = holds
+        reusable[key] = holds
         if len(holds) < len(captures):
             write_record(out, key, holds, finished=not wanted.keys() - holds.keys())
-    return kept
+    return reusable
 
 
 def _moment_there(plan: RenderPlan, key: CaptureKey, captures: Captures) -> Moment | None:
@@ -174,12 +174,12 @@ def _moment_there(plan: RenderPlan, key: CaptureKey, captures: Captures) -> Mome
 
 
 def _write_labels(
-    plan: RenderPlan, out: Path, identities: CaptureIdentities, kept: Mapping[CaptureKey, Captures]
+    plan: RenderPlan, out: Path, identities: CaptureIdentities, reusable: Mapping[CaptureKey, Captures]
 ) -> list[CaptureKey]:
     """Write the labels of moments whose captures are all kept; return the moments whose labels were written."""
     changed = []
     for moment in plan.moments if "labels" in plan.settings.formats else ():
-        captures = kept.get(moment.key, {})
+        captures = reusable.get(moment.key, {})
         if captures and LABELS not in captures and not identities.of_moment(moment).keys() - captures.keys():
             write_labels(out, plan.drive, moment)
             write_record(out, moment.key, {**captures, LABELS: labels_record(plan, moment)}, finished=True)
@@ -204,10 +204,10 @@ def render_moment(
     seconds by capture. ``on_capture`` is called with each one that was rendered and written."""
     settings, moment, seconds = plan.settings, work.moment, {}
     of: dict[str, Capture] = {
-        **{f"camera/{one.sensor_id}": one for one in moment.cameras},
-        **{f"lidar/{one.sensor_id}": one for one in moment.lidars},
+        **{f"camera/{capture.sensor_id}": capture for capture in moment.cameras},
+        **{f"lidar/{capture.sensor_id}": capture for capture in moment.lidars},
     }
-    captures = {name: record for name, record in work.kept.items() if name in work.wanted}
+    captures = {name: record for name, record in work.reusable.items() if name in work.wanted}
     for name in work.to_render:
         started = time.monotonic()
         capture = of[name]
@@ -237,13 +237,13 @@ def _counts(stats: RenderStats) -> dict[str, int]:
 
 
 def _last_run(
-    work: Sequence[Work], kept: Mapping[CaptureKey, Captures], relabelled: Sequence[CaptureKey]
+    work: Sequence[Work], reusable: Mapping[CaptureKey, Captures], relabelled: Sequence[CaptureKey]
 ) -> dict[str, Any]:
     """Return the manifest's entry about the last run: what was rendered, what was kept, and why."""
     return {
-        "rendered": {one.moment.name: one.to_render for one in work},
+        "rendered": {item.moment.name: item.to_render for item in work},
         "labels_alone": [name_of(key) for key in relabelled],
-        "kept": {name_of(key): sorted(captures) for key, captures in kept.items() if captures},
+        "kept": {name_of(key): sorted(captures) for key, captures in reusable.items() if captures},
         "kept_because": "their identities are those that are asked for, and their files are whole",
     }
 
@@ -262,11 +262,11 @@ MomentSeconds = tuple[CaptureKey, dict[str, float]]
 def moment_renderer(plan: RenderPlan, out: Path) -> Callable[[Work], MomentSeconds]:
     """Load the plan's renderer, and return the function that renders a moment with it, both with one thread of torch."""
     with single_threaded():
-        render_one = capture_renderer(plan, plan.recipe.load())
+        render_capture_of = capture_renderer(plan, plan.recipe.load())
 
     def render(work: Work) -> MomentSeconds:
         with single_threaded():
-            return work.moment.key, render_moment(plan, render_one, out, work)
+            return work.moment.key, render_moment(plan, render_capture_of, out, work)
 
     return render
 

@@ -18,10 +18,10 @@ from ..world.drive import Actor, Camera, Drive, Lidar, LidarModel
 from .scenes import ServedScene
 
 LONGEST_US = 10 * SECOND_US
-"""A frame takes at most so long."""
+"""Longest duration of a frame."""
 MOST_OBJECTS = 2000
 MARGIN_S = 1.0
-"""Actors of a request are there so long before and after its frame: shutters read a little beyond an image."""
+"""Seconds before and after a frame for which a request's actors are there: shutters read a little beyond an image."""
 FORMATS = ("PNG", "JPEG", "RGB_UINT8_PLANAR")
 BEST = 95.0
 """The quality of JPEG files where the request has none, of 100."""

@@ -20,13 +20,13 @@ from .service import Sensorsim
 from .turns import FairQueue
 
 REQUEST_BYTES = 8 << 20
-"""Of a request: a thousand objects have two hundred thousand bytes."""
+"""Largest size of a request: a thousand objects have two hundred thousand bytes."""
 MOST_CONNECTIONS, MOST_STREAMS, MOST_CALLS = 64, 32, 256
 """Connections, calls of a connection at a time, calls at a time."""
 IDLE_MS = 600_000
 """A connection without calls is closed."""
 GRACE_S = 5.0
-"""Calls that run are waited for so long when the server stops."""
+"""Longest wait for running calls when the server stops."""
 SHORTEST_TOKEN = 16
 
 

@@ -13,8 +13,8 @@ from ..world.drive import Camera, Drive, Lidar
 SUBSTEP_US = 10_000
 """Trajectories of what is simulated have a key at every multiple of it, counted from a step's start."""
 CLOSING_US = 1
-"""So long after the end of an exposure there is another key: how a pose at the end is interpolated does not depend on what
-comes later."""
+"""Time from the end of an exposure to one more key: how a pose at the end is interpolated does not depend on what comes
+later."""
 
 ROUNDING_US = 1e-3
 """Upper bound, microseconds, of the error that floating point adds to a whole microsecond."""

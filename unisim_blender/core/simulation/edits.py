@@ -25,9 +25,9 @@ from ..world.drive import Actor, Camera, Drive, Lidar
 from .world import KEY_HISTORY_S, PoseKeys, World, keys_from, since_rest
 
 BEFORE_S = 0.05
-"""Keys of so long before an exposure are worked with, too: of a sensor on a moving vehicle, one before it depends on them."""
+"""Seconds before an exposure from which keys are used: the pose of a sensor on a moving vehicle depends on earlier keys."""
 AHEAD_S = 0.25
-"""So much of recorded trajectories behind a world's time is kept, beside what lies before it."""
+"""Seconds of recorded trajectories after a world's time that its drive has, beside what lies before it."""
 
 
 def edits_of(

@@ -21,7 +21,7 @@ from ..prepare.scenario_plan import RenderOptions
 from ..scenario import build
 from ..scenario.simulation import SimulationSpec
 from ..sensors.frames import CameraFrame, LidarFrame
-from ..world.drive import EGO, Camera, Lidar
+from ..world.drive import Lidar
 from ..world.polyline import Polyline
 from .actors.lead import touching
 from .drivers.driver import Driver, DriverKind, DriverSetup
@@ -33,9 +33,9 @@ from .vehicle.actions import Control, array_of
 from .world import World
 
 FARTHEST_M = 1000.0
-"""Places in an observation are at most so far along an axis."""
+"""Largest coordinate of a place in an observation."""
 CHANNELS = 5
-"""Of a sweep's cell: x, y, z in the LiDAR's frame (m), intensity (0 to 1), seconds before the sweep's time."""
+"""Values of a sweep's cell: x, y, z in the LiDAR's frame (m), intensity (0 to 1), seconds before the sweep's time."""
 ROUTE = 20
 """Points of the route ahead, some metres apart, in the frame of the rear axle."""
 MOTION = ("speed_m_s", "acceleration_m_s2", "steering_rad")
@@ -96,14 +96,17 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         )
         self._opened = open_scenario(Path(scenario), options)
         self._asked: SimulationSpec = build(SimulationSpec, simulation or {})
-        stage = self._simulation(0).stage
-        drive, self._vehicle = stage.drive, stage.vehicle
+        context = self._simulation(0).context
+        drive, self._vehicle = context.drive, context.vehicle
         self._cameras = {name: camera.resized(width) if width else camera for name, camera in drive.cameras.items()}
         self._lidars = dict(drive.lidars)
         self._range_sizes = {name: _range_size(lidar, range_image) for name, lidar in self._lidars.items()}
         self.observation_space = spaces.Dict(
             {
-                **{f"camera/{name}": _image_space(camera) for name, camera in self._cameras.items()},
+                **{
+                    f"camera/{name}": spaces.Box(0, 255, (camera.model.height, camera.model.width, 3), np.uint8)
+                    for name, camera in self._cameras.items()
+                },
                 **{
                     f"lidar/{name}": _sweep_space(lidar, self._range_sizes[name])
                     for name, lidar in self._lidars.items()
@@ -127,7 +130,7 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         self._world: World = self._run.begin
         self._frames: dict[str, CameraFrame | LidarFrame] = {}
         wanted = {*self._cameras, *self._lidars}
-        while wanted - self._frames.keys() and self._world.time_us < self._run.stage.stop_us:
+        while wanted - self._frames.keys() and self._world.time_us < self._run.context.stop_us:
             self._advance(Control(0.0, self._world.ego.steering_rad))
         self._along_m = self._place(None)[0]
         return self._observation(), self._info("", ())
@@ -143,9 +146,8 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         self._advance(Control(pull * most, turn * self._vehicle.max_steering_rad))
         along, aside = self._place(self._along_m)
         progress, self._along_m = along - self._along_m, along
-        ego = self._world.traffic.ego
-        hit = touching(ego.x_m, ego.y_m, ego.heading_rad, ego.length_m, ego.width_m, self._world.traffic, EGO)
-        truncated = self._world.time_us >= self._run.stage.stop_us
+        hit = touching(self._world.traffic.ego, self._world.traffic)
+        truncated = self._world.time_us >= self._run.context.stop_us
         ended = "collision" if hit else "off_route" if aside > ASIDE_M else "time_over" if truncated else ""
         terminated = ended in ("collision", "off_route")
         reward = progress - COLLISION * bool(hit)
@@ -164,9 +166,9 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
 
     def _advance(self, action: Control) -> None:
         assert self._run is not None
-        stage, before = self._run.stage, self._world.time_us
-        self._world = step(self._world, action, stage)
-        ended = stage.ended(before, self._world.time_us)
+        context, before = self._run.context, self._world.time_us
+        self._world = step(self._world, action, context)
+        ended = context.ended(before, self._world.time_us)
         if ended:
             since_us = min(exposure.start_us for exposure in ended)
             self._sensors.render(self._run.scenario_drive.drive_at(self._world, since_us), ended)
@@ -227,10 +229,6 @@ def _points(frame: LidarFrame) -> NDArray[np.float32]:
     before = frame.time_s[back] - np.max(frame.time_s)
     points = np.concatenate([local, frame.intensity[back, None], before[:, None]], -1)
     return np.clip(points, -FARTHEST_M, FARTHEST_M).astype(np.float32)
-
-
-def _image_space(camera: Camera) -> spaces.Box:
-    return spaces.Box(0, 255, (camera.model.height, camera.model.width, 3), np.uint8)
 
 
 def _sweep_space(lidar: Lidar, size: tuple[int, int] | None) -> spaces.Box:

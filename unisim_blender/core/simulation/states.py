@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import UnisimError
 from ..geometry import FloatArray, Quaternion, Vector3, make_pose
-from ..world.drive import EGO
+from ..world.drive import EGO, Actor
 
 
 @dataclass(frozen=True)
@@ -82,6 +82,15 @@ class Footprint:
         return np.array([self.x_m, self.y_m]) + np.stack(
             [along + across, across - along, -along - across, along - across]
         )
+
+
+def actor_footprint(actor: Actor, state: ActorState) -> Footprint:
+    """Return an actor's box seen from above."""
+    length, width, _ = actor.size_m.tolist()
+    x, y, _ = state.position_m
+    return Footprint(
+        actor.uid, actor.label, x, y, state.heading_rad, length, width, state.speed_m_s, state.acceleration_m_s2
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from ..world.drive import Actor, Drive
 from .actors.model import ActorModel, ActorMotion, step_all
 from .actors.recording import Recording
 from .clock import CLOSING_US, SUBSTEP_US, Exposure, key_times
-from .states import ActorState, EgoState, Footprint, Traffic
+from .states import ActorState, EgoState, Footprint, Traffic, actor_footprint
 from .vehicle.actions import Control, Plan
 from .vehicle.bicycle import advance, substates
 from .vehicle.ground import Heights
@@ -84,18 +84,18 @@ CREEPING_M_S = 0.5
 BACK_S = 10.0
 
 
-def start(stage: SimulationContext, drives: bool, ego: EgoState | None = None) -> World:
+def start(context: SimulationContext, drives: bool, ego: EgoState | None = None) -> World:
     """Return the world at the start of a simulation.
 
     ``drives``: whether the vehicle may leave its recorded trajectory. ``ego`` is where it starts in place of where it was
     recorded; it then arrives there straight on, at its speed.
     """
-    time_us = stage.start_us
+    time_us = context.start_us
     time_s = time_us / SECOND_US
     keys: PoseKeys = ()
-    begins = recorded_ego(stage, time_us) if ego is None else ego
+    begins = recorded_ego(context, time_us) if ego is None else ego
     if drives:
-        trajectory = stage.drive.world_from_ego
+        trajectory = context.drive.world_from_ego
         if ego is None:
             keys = (*recorded_keys(trajectory, None, time_s), PoseKey.on(trajectory, time_us))
         else:
@@ -106,16 +106,16 @@ def start(stage: SimulationContext, drives: bool, ego: EgoState | None = None) -
                 x_m=begins.x_m - away * math.cos(begins.heading_rad),
                 y_m=begins.y_m - away * math.sin(begins.heading_rad),
             )
-            poses = stage.poses_of([before, begins])
+            poses = context.poses_of([before, begins])
             keys = tuple(PoseKey.all_of([back_us, time_us], poses))
     motions = {
-        uid: model.start(stage.drive.actors[uid], stage.recording, time_us) for uid, model in stage.models.items()
+        uid: model.start(context.drive.actors[uid], context.recording, time_us) for uid, model in context.models.items()
     }
-    recorded = {uid: stage.drive.actors[uid].world_from_actor for uid in sorted(stage.moved)}
+    recorded = {uid: context.drive.actors[uid].world_from_actor for uid in sorted(context.moved)}
     return World(
         time_us,
         begins,
-        traffic_of(stage, time_us, begins, motions),
+        traffic_of(context, time_us, begins, motions),
         motions,
         FollowLog() if not drives else Control(0.0, begins.steering_rad),
         ego_keys=extended(keys, (), time_us, carries=True),
@@ -126,36 +126,36 @@ def start(stage: SimulationContext, drives: bool, ego: EgoState | None = None) -
     )
 
 
-def step(world: World, action: Action, stage: SimulationContext) -> World:
+def step(world: World, action: Action, context: SimulationContext) -> World:
     """Return the world a step later, or at the end of the simulation.
 
     ``action`` answers the moment of ``world``; it takes effect at the first step that begins its delay later or after that.
     """
-    if stage.delay_us > 0:
-        return answered(go_on(world, stage), action, world.time_us, stage)
-    return go_on(answered(world, action, world.time_us, stage), stage)
+    if context.delay_us > 0:
+        return enqueue_action(advance_world(world, context), action, world.time_us, context)
+    return advance_world(enqueue_action(world, action, world.time_us, context), context)
 
 
-def answered(world: World, action: Action, asked_us: int, stage: SimulationContext) -> World:
-    """Return the world with a driver's answer to a moment."""
-    return replace(world, pending=(*world.pending, (asked_us + stage.delay_us, action)))
+def enqueue_action(world: World, action: Action, asked_us: int, context: SimulationContext) -> World:
+    """Return the world with a driver's answer to the moment ``asked_us`` among its pending actions."""
+    return replace(world, pending=(*world.pending, (asked_us + context.delay_us, action)))
 
 
-def go_on(world: World, stage: SimulationContext) -> World:
+def advance_world(world: World, context: SimulationContext) -> World:
     """Return the world a step later, or at the end of the simulation, by the answers that it has."""
-    now, later = world.time_us, min(world.time_us + stage.step_us, stage.stop_us)
+    now, later = world.time_us, min(world.time_us + context.step_us, context.stop_us)
     pending = world.pending
     due = [answer for time_us, answer in pending if time_us <= now]
     action: Action = due[-1] if due else world.action
-    during = stage.during(now, later)
-    ego, new_keys = _drive(world, action, stage, later, during)
-    motions = step_all(stage.models, stage.drive.actors, world.motions, world.traffic, now, later - now)
+    during = context.during(now, later)
+    ego, new_keys = _drive(world, action, context, later, during)
+    motions = step_all(context.models, context.drive.actors, world.motions, world.traffic, now, later - now)
     strayed, vanished = set(world.strayed), dict(world.vanished_s)
     closes = any(exposure.end_us == later for exposure in during)
-    recorded = stage.recording.poses_at(later / SECOND_US)
-    closing = stage.recording.poses_at((later + CLOSING_US) / SECOND_US) if closes else {}
+    recorded = context.recording.poses_at(later / SECOND_US)
+    closing = context.recording.poses_at((later + CLOSING_US) / SECOND_US) if closes else {}
     keys = {}
-    for uid in sorted(stage.moved):
+    for uid in sorted(context.moved):
         state = motions[uid].state
         # to the bit
         if uid not in strayed and (state.position_m, state.quaternion_wxyz) != recorded[uid]:
@@ -163,12 +163,12 @@ def go_on(world: World, stage: SimulationContext) -> World:
         if uid in strayed and not state.present:
             vanished.setdefault(uid, later / SECOND_US)
         close = None if not closes else _moved_on(state) if uid in strayed else closing[uid]
-        of_step = _actor_keys(stage.drive.actors[uid], state, now, later, close, uid in strayed)
+        of_step = _actor_keys(context.drive.actors[uid], state, now, later, close, uid in strayed)
         keys[uid] = extended(world.keys[uid], of_step, later)
     return World(
         later,
         ego,
-        traffic_of(stage, later, ego, motions),
+        traffic_of(context, later, ego, motions),
         motions,
         action,
         tuple(answer for answer in pending if answer[0] > now),
@@ -179,15 +179,15 @@ def go_on(world: World, stage: SimulationContext) -> World:
     )
 
 
-def recorded_ego(stage: SimulationContext, time_us: int) -> EgoState:
+def recorded_ego(context: SimulationContext, time_us: int) -> EgoState:
     """Return the ego vehicle's recorded state at a time: speed, acceleration and steering angle are those of its path: of
     the one from the simulation's start on, where it jumps there."""
-    vehicle, time_s = stage.vehicle, time_us / SECOND_US
+    vehicle, time_s = context.vehicle, time_us / SECOND_US
     times = time_s + SPEED_S * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
-    first_s, last_s = stage.drive.world_from_ego.times_s[[0, -1]]
-    start_s = stage.start_us / SECOND_US
-    times = np.clip(times, start_s if jumps(stage.drive.world_from_ego, start_s) else first_s, last_s)
-    poses = stage.drive.world_from_ego.at(times)
+    first_s, last_s = context.drive.world_from_ego.times_s[[0, -1]]
+    start_s = context.start_us / SECOND_US
+    times = np.clip(times, start_s if jumps(context.drive.world_from_ego, start_s) else first_s, last_s)
+    poses = context.drive.world_from_ego.at(times)
     states = [state_of(pose, vehicle)[0] for pose in poses]
     first, _, here, _, last = states
     span = times[-1] - times[0]
@@ -213,57 +213,48 @@ def recorded_ego(stage: SimulationContext, time_us: int) -> EgoState:
     )
 
 
-def traffic_of(stage: SimulationContext, time_us: int, ego: EgoState, motions: Mapping[str, ActorMotion]) -> Traffic:
+def traffic_of(context: SimulationContext, time_us: int, ego: EgoState, motions: Mapping[str, ActorMotion]) -> Traffic:
     """Return everything that is present at a time, seen from above: the ego vehicle first."""
-    moving = [footprint_of(ego, stage.vehicle)]
+    moving = [footprint_of(ego, context.vehicle)]
     for uid, motion in motions.items():
         if motion.state.present:
-            moving.append(actor_footprint(stage.drive.actors[uid], motion.state))
-    return Traffic(time_us, (*moving, *stage.standing))
-
-
-def actor_footprint(actor: Actor, state: ActorState) -> Footprint:
-    """Return an actor's box seen from above."""
-    length, width, _ = actor.size_m.tolist()
-    x, y, _ = state.position_m
-    return Footprint(
-        actor.uid, actor.label, x, y, state.heading_rad, length, width, state.speed_m_s, state.acceleration_m_s2
-    )
+            moving.append(actor_footprint(context.drive.actors[uid], motion.state))
+    return Traffic(time_us, (*moving, *context.standing))
 
 
 def _drive(
-    world: World, action: Action, stage: SimulationContext, later: int, during: list[Exposure]
+    world: World, action: Action, context: SimulationContext, later: int, during: list[Exposure]
 ) -> tuple[EgoState, list[PoseKey]]:
     """Return the vehicle's state at the end of a step, and the keys that it gets during it."""
     now = world.time_us
-    trajectory = stage.drive.world_from_ego
+    trajectory = context.drive.world_from_ego
     if isinstance(action, FollowLog):
-        ego = recorded_ego(stage, later)
+        ego = recorded_ego(context, later)
         if not world.ego_keys:
             return ego, []
         times = key_times(now, later, during)
         own = recorded_keys(trajectory, now / SECOND_US, later / SECOND_US)
         keys = [*own, *(PoseKey.of(time_us, trajectory.at(time_us / SECOND_US)) for time_us in times)]
         return ego, sorted({key.time_s: key for key in keys}.values(), key=lambda key: key.time_s)
-    control = track(action, world.ego, stage.vehicle, now, later - now) if isinstance(action, Plan) else action
+    control = track(action, world.ego, context.vehicle, now, later - now) if isinstance(action, Plan) else action
     states = {now: world.ego}
-    for after_us, state in substates(world.ego, control, stage.vehicle, later - now):
+    for after_us, state in substates(world.ego, control, context.vehicle, later - now):
         states[now + after_us] = state
     times = key_times(now, later, during)
     for time_us in times:
         if time_us not in states:  # the grid's states do not depend on when sensors look
             before = later if time_us > later else now + (time_us - now) // SUBSTEP_US * SUBSTEP_US
-            states[time_us] = advance(states[before], control, stage.vehicle, time_us - before)
-    return states[later], _keys_of(world, [(time_us, states[time_us]) for time_us in times], stage)
+            states[time_us] = advance(states[before], control, context.vehicle, time_us - before)
+    return states[later], _keys_of(world, [(time_us, states[time_us]) for time_us in times], context)
 
 
-def _keys_of(world: World, states: list[tuple[int, EgoState]], stage: SimulationContext) -> list[PoseKey]:
+def _keys_of(world: World, states: list[tuple[int, EgoState]], context: SimulationContext) -> list[PoseKey]:
     """Return the vehicle's keys in states at times, integer microseconds. Where it stands they have the same pose, to the
     bit: from step to step, too."""
     time_s = world.time_us / SECOND_US
     known = {_place(world.ego): key for key in world.ego_keys if key.time_s == time_s}
     new = {_place(state): state for _, state in states if _place(state) not in known}
-    poses = stage.poses_of(list(new.values()))
+    poses = context.poses_of(list(new.values()))
     known |= dict(zip(new, PoseKey.all_of([0] * len(new), poses), strict=True))
     return [replace(known[_place(state)], time_s=time_us / SECOND_US) for time_us, state in states]
 

@@ -15,10 +15,10 @@ from .states import EgoState, Traffic
 from .vehicle.actions import Control, Plan
 
 KEY_HISTORY_S = 1.0
-"""A world keeps keys of so long before its time: no exposure that has not ended began earlier."""
+"""Seconds before its time from which a world has keys: no exposure that has not ended began earlier."""
 
 JUMP_US = 1
-"""A trajectory that jumps has two keys so far apart: it is there at once, and speeds do not come from the jump."""
+"""Time between the two keys of a trajectory that jumps: it is there at once, and speeds do not come from the jump."""
 CLOSE_S = 1e-7
 """Times that are closer are the same, in seconds."""
 

@@ -66,7 +66,7 @@ class TrainConfig:
     rate_networks: tuple[float, float] = (5e-3, 3e-4)
     rate_shifts: tuple[float, float] = (4e-3, 4e-4)
     rate_turns: tuple[float, float] = (1e-3, 1e-4)
-    """Of boxes, metres and radians a step at most."""
+    """Rates of the boxes' shifts and turns: metres and radians a step at most."""
     rate_cameras: tuple[float, float] = (5e-5, 5e-6)
     slow_every: int = 4
     """Steps whose gradients are added up before the hypernetwork, the tracklets and the camera mounts are updated: few

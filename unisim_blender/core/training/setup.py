@@ -58,29 +58,9 @@ class Adam(torch.optim.Adam):
     """`torch.optim.Adam`, equal to the bit, without torch's compiler, which torch's optimisers take seconds to import; it
     cannot be part of what torch compiles."""
 
-    _step, _add, _zero = _plain("step"), _plain("add_param_group"), _plain("zero_grad")
-    _state, _load = _plain("state_dict"), _plain("load_state_dict")
-
-    def add_param_group(self, param_group: dict[str, Any]) -> None:
-        """See torch."""
-        self._add(param_group)
-
-    def zero_grad(self, set_to_none: bool = True) -> None:
-        """See torch."""
-        self._zero(set_to_none)
-
-    def state_dict(self) -> dict[str, Any]:
-        """See torch."""
-        return dict(self._state())
-
-    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """See torch."""
-        self._load(state_dict)
-
-    @torch.no_grad()
-    def step(self, closure: Any = None) -> Any:
-        """See torch."""
-        return self._step(closure)
+    add_param_group, zero_grad = _plain("add_param_group"), _plain("zero_grad")
+    state_dict, load_state_dict = _plain("state_dict"), _plain("load_state_dict")
+    step = torch.no_grad()(_plain("step"))
 
 
 class TrainingSetup:

@@ -26,7 +26,7 @@ from ..formats.readers import open_log
 from ..prepare.renderers import UNTRAINED_DEFAULT
 from ..render.changes import RenderedState, changed_regions, joined_where_cheaper
 from ..render.lattice import Region
-from ..render.observed_space import ObservedSpace, Observing, keep_space, kept_space, observe_space
+from ..render.observed_space import ObservedSpace, Observing, cache_space, cached_space, observe_space
 from ..render.renderer import Renderer
 from ..render.tracers.surfels.build import Step
 from ..render.tracers.surfels.cache import surfels_of
@@ -167,7 +167,7 @@ class Jobs:
         while it is computed."""
         if scene not in self.spaces:
             header, shown, voxel_m = backend.observed
-            space = kept_space(header, shown, voxel_m)
+            space = cached_space(header, shown, voxel_m)
             if space is None:
                 for step in observe_space(backend, header, shown, voxel_m):
                     if isinstance(step, ObservedSpace):
@@ -175,7 +175,7 @@ class Jobs:
                     else:
                         yield {"event": "progress", "text": "Working out what was observed", "share": step}
                 assert space is not None
-                keep_space(header, space)
+                cache_space(header, space)
             self.spaces = {scene: space}
         return self.spaces[scene]
 

@@ -69,20 +69,20 @@ class ActorPath:
         inside = trajectory.times_s[(trajectory.times_s > start_s) & (trajectory.times_s < end_s)]
         times = np.concatenate([[start_s], inside, [end_s]]) if end_s > start_s else np.array([start_s])
         positions, quaternions = trajectory.placed_at(times)
-        kept = _apart(positions, times)
-        distances = np.linalg.norm(np.diff(positions[kept, :2], axis=0), axis=1)
+        keys = _apart(positions, times)
+        distances = np.linalg.norm(np.diff(positions[keys, :2], axis=0), axis=1)
         if distances.sum() < LEAST_LENGTH_M:
             return None
         s = np.concatenate([[0.0], np.cumsum(distances)])
-        leaves = _leaves(trajectory, times, kept, start_s, end_s)
-        arrivals = times[kept]
+        leaves = _leaves(trajectory, times, keys, start_s, end_s)
+        arrivals = times[keys]
         speeds = recorded_speeds(trajectory, arrivals, start_s, end_s)
         stops = [
-            Stop(float(s[key]), math.inf if key == len(kept) - 1 else float(leaves[key]))
-            for key in range(len(kept))
+            Stop(float(s[key]), math.inf if key == len(keys) - 1 else float(leaves[key]))
+            for key in range(len(keys))
             if leaves[key] - arrivals[key] >= STANDING_S
         ]
-        return ActorPath(s, positions[kept], quaternions[kept], speeds, tuple(stops), arrivals, leaves, ends)
+        return ActorPath(s, positions[keys], quaternions[keys], speeds, tuple(stops), arrivals, leaves, ends)
 
     @staticmethod
     def straight(position: Vector3, heading_rad: float, length_m: float = 10.0) -> ActorPath:
@@ -107,7 +107,7 @@ class ActorPath:
         ahead = np.diff(self.positions[:, :2], axis=0)
         middle = (self.headings_rad[:-1] + self.headings_rad[1:]) / 2
         along = ahead[:, 0] * np.cos(middle) + ahead[:, 1] * np.sin(middle)
-        return [1 if one >= 0 else -1 for one in along.tolist()]
+        return [1 if step >= 0 else -1 for step in along.tolist()]
 
     @cached_property
     def _end(self) -> tuple[FloatArray, float]:
@@ -223,8 +223,8 @@ class ActorPath:
 
     def project(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Return the arc length of the nearest place of the path, and how far left of it a point lies, in the plane."""
-        found = self._line.project(x_m, y_m)
-        return found.along_m, self._gears[min(found.segment, len(self._gears) - 1)] * found.left_m
+        projection = self._line.project(x_m, y_m)
+        return projection.along_m, self._gears[min(projection.segment, len(self._gears) - 1)] * projection.left_m
 
     @cached_property
     def _line(self) -> Polyline:
@@ -267,20 +267,20 @@ def recorded_speeds(trajectory: Trajectory, times_s: FloatArray, start_s: float,
 def _apart(positions: FloatArray, times_s: FloatArray) -> NDArray[np.int64]:
     """Return which of positions (T, 3) are kept so that each is `LEAST_KEY_M` from the kept one before; the last one always,
     unless the recording stands there."""
-    kept = spaced(positions[:, :2], LEAST_KEY_M)
-    rest = float(np.linalg.norm(positions[-1, :2] - positions[kept[-1], :2]))
-    if rest > 1e-3 and times_s[-1] - times_s[kept[-1]] < STANDING_S:
-        return np.append(kept, len(positions) - 1)
-    return kept
+    keys = spaced(positions[:, :2], LEAST_KEY_M)
+    rest = float(np.linalg.norm(positions[-1, :2] - positions[keys[-1], :2]))
+    if rest > 1e-3 and times_s[-1] - times_s[keys[-1]] < STANDING_S:
+        return np.append(keys, len(positions) - 1)
+    return keys
 
 
 def _leaves(
-    trajectory: Trajectory, times_s: FloatArray, kept: NDArray[np.int64], start_s: float, end_s: float
+    trajectory: Trajectory, times_s: FloatArray, keys: NDArray[np.int64], start_s: float, end_s: float
 ) -> FloatArray:
     """Return when the recording left each kept key: when it last stood before it came to the next one."""
     stands: BoolArray = recorded_speeds(trajectory, times_s, start_s, end_s) < STANDING_M_S
-    leaves = times_s[kept].copy()
-    for key, (first, end) in enumerate(zip(kept, [*kept[1:], len(times_s)], strict=True)):
+    leaves = times_s[keys].copy()
+    for key, (first, end) in enumerate(zip(keys, [*keys[1:], len(times_s)], strict=True)):
         last = np.flatnonzero(stands[first:end])
         if len(last):
             after = times_s[min(end, len(times_s) - 1)]
@@ -347,13 +347,13 @@ def joined(
     new[0], turned[0] = position, quaternion_wxyz
 
     lengths = np.linalg.norm(np.diff(new[:, :2], axis=0), axis=1)
-    kept = np.concatenate([[True], lengths > 1e-6])
+    distinct = np.concatenate([[True], lengths > 1e-6])
     s = np.concatenate([[0.0], np.cumsum(lengths)])
     speeds = np.interp(at, path.s_m, path.speeds_m_s)
     stops = tuple(
         replace(stop, s_m=float(np.interp(stop.s_m, at, s))) for stop in path.stops if stop.s_m >= s_m - PASSED_M
     )
-    return ActorPath(s[kept], new[kept], turned[kept], speeds[kept], stops, ends=path.ends)
+    return ActorPath(s[distinct], new[distinct], turned[distinct], speeds[distinct], stops, ends=path.ends)
 
 
 def quintic(u: FloatArray, start: float, slope: float) -> tuple[FloatArray, FloatArray]:

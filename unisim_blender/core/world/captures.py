@@ -170,13 +170,13 @@ def moments_of(
     """
     own = of_sensors or {}
     names = [*(("camera", name) for name in cameras), *(("lidar", name) for name in lidars)]
-    together = [one for one in names if "/".join(one) not in own]
+    together = [sensor for sensor in names if "/".join(sensor) not in own]
     # without any sensor there are labels
     shared = bool(together) or not names
     at: dict[int, list[tuple[str, str]]] = {time_us: [] for time_us in times_us or () if shared}
-    for one in names:
-        for time_us in own.get("/".join(one), times_us or ()):
-            at.setdefault(time_us, []).append(one)
+    for sensor in names:
+        for time_us in own.get("/".join(sensor), times_us or ()):
+            at.setdefault(time_us, []).append(sensor)
 
     def split(chosen: list[tuple[str, str]]) -> tuple[list[str], list[str]]:
         return [name for kind, name in chosen if kind == "camera"], [name for kind, name in chosen if kind == "lidar"]

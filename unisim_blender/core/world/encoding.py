@@ -114,7 +114,7 @@ def decode_sensor(text: str) -> Camera | Lidar:
         if header["kind"] == "camera":
             count = header.get("readouts")
             readouts = None if count is None else Readouts(numbers.take(count), numbers.take(count))
-            found: Camera | Lidar = Camera(
+            sensor: Camera | Lidar = Camera(
                 str(header["id"]), CameraModel.from_dict(header["model"]), trajectory, {},
                 bool(header["sees_ego_body"]),
                 header["full_width"],
@@ -133,11 +133,11 @@ def decode_sensor(text: str) -> Camera | Lidar:
                 shape = model.beams, model.columns
                 bits = np.frombuffer(base64.b64decode(header["blocked"], validate=True), np.uint8)
                 blocked = np.unpackbits(bits, count=shape[0] * shape[1]).astype(bool).reshape(shape)
-            found = Lidar(str(header["id"]), model, trajectory, {}, blocked, bool(header["sees_ego_body"]), phase)
+            sensor = Lidar(str(header["id"]), model, trajectory, {}, blocked, bool(header["sees_ego_body"]), phase)
         numbers.finish()
     except (KeyError, TypeError, ValueError) as fault:
         raise EncodingError(f"a sensor that was sent cannot be read: {fault}") from fault
-    return found
+    return sensor
 
 
 class _Numbers:

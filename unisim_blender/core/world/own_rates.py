@@ -25,14 +25,14 @@ def number_captures(frame_times_s: Mapping[int, float], stamps_s: Sequence[float
     times = np.array([frame_times_s[frame] for frame in frames])
     half = float(np.median(np.diff(times))) / 2 if len(times) > 1 else np.inf
     nearest = _nearest(times, stamps)
-    found: dict[int, float] = {}
+    time_s: dict[int, float] = {}
     taken: set[int] = set()
     for frame, time, at in zip(frames, times, nearest.tolist(), strict=True):
         if abs(stamps[at] - time) <= half and at not in taken:
             taken.add(at)
-            found[frame] = float(stamps[at])
+            time_s[frame] = float(stamps[at])
     others = [float(stamp) for at, stamp in enumerate(stamps) if at not in taken]
-    return found | dict(enumerate(others, frames[-1] + 1))
+    return time_s | dict(enumerate(others, frames[-1] + 1))
 
 
 def captures_of(time_s: Mapping[int, float], drive: Drive, frames: Sequence[int], there: Collection[int]) -> list[int]:

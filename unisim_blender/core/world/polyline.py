@@ -107,10 +107,10 @@ class Polyline:
 
 def spaced(points: FloatArray, least_m: float) -> NDArray[np.int64]:
     """Return the indices of the points (N, 2) that are ``least_m`` or more from the kept one before; the first one is kept."""
-    kept = [0]
+    indices = [0]
     last_x, last_y = points[0].tolist()
     for index, (x, y) in enumerate(points[1:].tolist(), 1):
         if math.hypot(x - last_x, y - last_y) >= least_m:
-            kept.append(index)
+            indices.append(index)
             last_x, last_y = x, y
-    return np.array(kept)
+    return np.array(indices)

@@ -99,15 +99,15 @@ class PaddedKeys:
     def of(actors: Sequence[Actor]) -> PaddedKeys:
         """Return the keys of actors, one row each."""
         trajectories = [actor.world_from_actor for actor in actors]
-        lengths = np.array([len(one.times_s) for one in trajectories], np.int32)
+        lengths = np.array([len(trajectory.times_s) for trajectory in trajectories], np.int32)
         shape = len(trajectories), int(lengths.max(initial=1))
         times, positions = np.full(shape, np.inf), np.zeros((*shape, 3))
         quaternions = np.tile([1.0, 0, 0, 0], (*shape, 1))
         real = np.arange(shape[1]) < lengths[:, None]
         if trajectories:
-            times[real] = np.concatenate([one.times_s for one in trajectories])
-            positions[real] = np.concatenate([one.positions for one in trajectories])
-            quaternions[real] = np.concatenate([one.quaternions_wxyz for one in trajectories])
+            times[real] = np.concatenate([trajectory.times_s for trajectory in trajectories])
+            positions[real] = np.concatenate([trajectory.positions for trajectory in trajectories])
+            quaternions[real] = np.concatenate([trajectory.quaternions_wxyz for trajectory in trajectories])
         return PaddedKeys(times, positions, quaternions, lengths)
 
     def positions_at(self, times_s: FloatArray) -> FloatArray:

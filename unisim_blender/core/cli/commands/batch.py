@@ -145,7 +145,7 @@ def command(
     executor = executor_at("processes" if on == SHARDS else on, gpus_per_worker)
     if jobs is None and not (isinstance(executor, RayCluster) and executor.named):
         jobs = default_jobs()
-    if store.in_one_process and on != "this-process":
+    if store.seen_by_its_process_only and on != "this-process":
         raise UnisimError(f"{out}: is of one process alone; give --on this-process")
     options = replace(options, frames=frames, passes=pass_names(passes))
     wanted = read_jobs(jobs_, driver, seed)

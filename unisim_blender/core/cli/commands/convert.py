@@ -115,7 +115,7 @@ def _convert_log(log: Path, layout: str, out: Path, quiet: bool) -> None:
 
         done = convert(source, writer, out, start, bar.update, bar.update)
     if done.was_there:
-        click.echo(f"Nothing to do: {done.opens} holds this conversion, of {done.kept} images and sweeps")
+        click.echo(f"Nothing to do: {done.opens} holds this conversion, of {done.reused} images and sweeps")
         return
-    earlier = f", {done.kept} were there already" if done.kept else ""
+    earlier = f", {done.reused} were there already" if done.reused else ""
     click.echo(f"{done.written} images and sweeps written{earlier}: {done.opens}")

@@ -122,7 +122,7 @@ def command(
             jobs or default_jobs(),
             resume,
             on_moment=lambda key: bar.update(),
-            on_kept=bar.update,
+            on_reused=bar.update,
             executor=EXECUTORS[executor] if executor else None,
         )
     for name in SEQUENCE_FORMATS:

@@ -120,12 +120,15 @@ def resampled_weights(units: int, resamples: int, seed: int) -> FloatArray:
     return np.random.default_rng(seed).multinomial(units, np.full(units, 1 / units), resamples).astype(np.float64)
 
 
-def interval(values: FloatArray, share: float = 0.95) -> tuple[float, float]:
-    """The middle ``share`` of resampled values (R,), NaN left out; NaN where there are no others."""
+INTERVAL = 0.95
+
+
+def interval(values: FloatArray) -> tuple[float, float]:
+    """The middle 95 % of resampled values (R,), NaN left out; NaN where there are no others."""
     finite = values[np.isfinite(values)]
     if not len(finite):
         return float("nan"), float("nan")
-    low, high = np.quantile(finite, [(1 - share) / 2, (1 + share) / 2])
+    low, high = np.quantile(finite, [(1 - INTERVAL) / 2, (1 + INTERVAL) / 2])
     return float(low), float(high)
 
 
@@ -298,7 +301,7 @@ def measure(
     return metrics if plan is None else {**metrics, "plans": plan}
 
 
-def table(metrics: dict[str, Any]) -> list[str]:
+def metrics_table(metrics: dict[str, Any]) -> list[str]:
     """Return the result of `measure` as lines to print: percent, with the interval that 95 % of resamples fall into."""
     lines = [f"{metrics['frames']} frames"]
     for name, values in metrics["classes"].items():

@@ -21,7 +21,7 @@ from ..recorded_runs import Progress, perceptual_metric
 from ..tracklets import disturbance_taken_back
 from .measure import Case, ComparisonContext, cases_of, measured
 from .methods import METHODS, CompareOptions, methods_named
-from .page import markdown, page, tables_of
+from .page import comparison_markdown, page, tables_of
 from .renderers import MethodRenderer, make_renderer
 
 ROWS = "comparison.json"
@@ -42,8 +42,8 @@ def compare(
             raise LogError(f"{log_path}: has no images to compare")
         options = replace(options, cameras=(ahead,))
     check_names("camera", options.cameras, [c for c in log.drive.cameras if log.image_frames(c)])
-    perceptual, inception = perceptual_metric(options.lpips), _inception(options.fid)
-    context = ComparisonContext(log, known_log(log_path), out, options, perceptual, inception)
+    inception = None if options.fid is None else Inception(options.fid)
+    context = ComparisonContext(log, known_log(log_path), out, options, perceptual_metric(options.lpips), inception)
     cases = cases_of(log, context.known, out, options)
     about = _about(context, cases)
     rows = _earlier(out / ROWS, about)
@@ -60,10 +60,6 @@ def compare(
         rows[name] = row
         text = _write(out, log, about, cases, options, {n: rows[n] for n in METHODS if n in rows})
     return text
-
-
-def _inception(path: Path | None) -> Inception | None:
-    return None if path is None else Inception(path)
 
 
 def _boxes(method: MethodRenderer, log: Log) -> dict[str, Any]:
@@ -103,8 +99,7 @@ def _earlier(path: Path, about: dict[str, Any]) -> dict[str, dict[str, Any]]:
             raise UnisimError(
                 f"{path}: was measured with {name} {short(before.get(name))}, not {short(value)}: give another folder with --out"
             )
-    earlier: dict[str, dict[str, Any]] = {name: row for name, row in rows.items() if name in METHODS}
-    return earlier
+    return {name: row for name, row in rows.items() if name in METHODS}
 
 
 def _write(
@@ -123,7 +118,7 @@ def _write(
         "regions over all their pixels. Bold: the best of a column. Cost: dB below the replay of the same pixels."
     )
     tables = tables_of({case.name: case.moves_view for case in cases})
-    text = markdown(title, words, tables, rows)
+    text = comparison_markdown(title, words, tables, rows)
     write_file(out / ROWS, json_bytes({"about": about, "code": code_identity(), "rows": rows}))
     write_file(out / "comparison.md", text.encode())
     write_file(out / "index.html", page(out, title, words, tables, rows, cases, options.cameras).encode())

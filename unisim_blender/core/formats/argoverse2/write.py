@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,19 +19,10 @@ from ...files import write_file
 from ...geometry import FloatArray, invert_pose, points_in_box, quaternion_from_matrix, transform_points
 from ...json_file import json_bytes
 from ...sensors.lidar import column_times
-from ...world.drive import Drive, Lidar
-from ...world.replay import over_whole_frames
+from ...world.drive import Lidar
 from ..common.arrow import feather_bytes
 from ..common.box_tracks import box_poses
-from ..common.class_names import renamed, renamed_sentence
-from ..common.rigs import (
-    LayoutCamera,
-    fixed_mount,
-    image_part,
-    nearest_rings,
-    rig_cameras,
-    turning_lidar,
-)
+from ..common.rigs import LayoutCamera, RigLayout, RigRecording, image_part, nearest_rings
 from ..common.writer import SCRATCH, Tick, WritePlan, WriterPart
 from .files import QUATERNION, TRANSLATION
 from .read import LASERS_EACH, LIDARS
@@ -54,20 +44,6 @@ EARLIER = 0.1
 """By which share of a sweep its timestamp is before its first column."""
 
 
-@dataclass
-class _Recording:
-    """All that a log's files follow from; ``sweeps``: stamps, nanoseconds, by frame."""
-
-    log: Log
-    root: Path
-    folder: str
-    drive: Drive
-    lidar: Lidar
-    mount: FloatArray
-    sweeps: dict[int, int]
-    cameras: list[LayoutCamera] = field(default_factory=list)
-
-
 class Argoverse2LogWriter:
     """Plans logs in the layout of Argoverse 2's sensor dataset."""
 
@@ -80,23 +56,18 @@ class Argoverse2LogWriter:
         ModuleNotFoundError where pyarrow is not installed."""
         import pyarrow  # noqa: F401
 
-        drive, labels = renamed(over_whole_frames(log.drive), "argoverse2")
-        lidar, losses = turning_lidar(log, "Argoverse 2")
-        name = "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in drive.name) or "log"
-        frames = log.sweep_frames(lidar.sensor_id)
-        sweeps = {frame: stamp_ns(_start_s(lidar, frame)) for frame in frames}
-        if any(sweeps[a] >= sweeps[b] for a, b in zip(frames, frames[1:], strict=False)):
-            raise OutputError(f"{log.path}: {lidar.sensor_id}'s sweeps do not follow each other in time")
-        times = np.array([seconds(stamp) for stamp in sweeps.values()])
-        mount, moves = fixed_mount(lidar.sensor_id, lidar.world_from_lidar, drive.world_from_ego, times)
-        recording = _Recording(log, path, f"{SPLIT}/{name}", drive, lidar, mount, sweeps)
-        recording.cameras, lost = rig_cameras(log, CAMERAS, FARTHEST_DEG, _own_channel, stamp_ns)
-        losses += [renamed_sentence(labels), moves, *lost, *_losses(lidar)]
-        parts = [_sweep_part(recording, frame) for frame in frames]
+        recording = RigRecording.plan(log, path, LAYOUT)
+        losses = [*recording.losses, *recording.camera_losses, *_losses(recording.lidar)]
+        folder = _folder(recording)
+        parts = [_sweep_part(recording, frame) for frame in recording.sweeps]
         for camera in recording.cameras:
-            folder = f"{recording.folder}/sensors/cameras/{camera.channel}"
-            parts += [image_part(log, camera, at, path, f"{folder}/{stamp}.jpg") for at, stamp in camera.stamps.items()]
-        return WritePlan(tuple(filter(None, losses)), parts, lambda: _finish(recording), recording.folder)
+            images = f"{folder}/sensors/cameras/{camera.channel}"
+            parts += [image_part(log, camera, at, path, f"{images}/{stamp}.jpg") for at, stamp in camera.stamps.items()]
+        return WritePlan(tuple(filter(None, losses)), parts, lambda: _finish(recording), folder)
+
+
+def _folder(recording: RigRecording) -> str:
+    return f"{SPLIT}/{recording.name or 'log'}"
 
 
 def _own_channel(name: str) -> str:
@@ -118,6 +89,9 @@ def _start_s(lidar: Lidar, frame: int) -> float:
     return float(column_times(lidar, lidar.time_s[frame]).min()) - EARLIER * lidar.model.sweep_s
 
 
+LAYOUT = RigLayout("Argoverse 2", "argoverse2", CAMERAS, FARTHEST_DEG, _own_channel, stamp_ns, seconds, _start_s)
+
+
 def _losses(lidar: Lidar) -> list[str]:
     said = ["the map is empty", "shutters, dropped rays and the beam table are lost"]
     if lidar.model.beams > len(LIDARS) * LASERS_EACH:
@@ -130,9 +104,9 @@ def _losses(lidar: Lidar) -> list[str]:
     return said
 
 
-def _sweep_part(recording: _Recording, frame: int) -> WriterPart:
+def _sweep_part(recording: RigRecording, frame: int) -> WriterPart:
     stamp = recording.sweeps[frame]
-    files = (f"{SCRATCH}/points/{stamp}.json", f"{recording.folder}/sensors/lidar/{stamp}.feather")
+    files = (f"{SCRATCH}/points/{stamp}.json", f"{_folder(recording)}/sensors/lidar/{stamp}.feather")
 
     def write(tick: Tick) -> None:
         sweep = recording.log.sweep(recording.lidar.sensor_id, frame)
@@ -159,10 +133,10 @@ def sweep_table(sweep: Sweep, world_from_ego: FloatArray, stamp: int, lidar: Lid
     poses = lidar.world_from_lidar.at(sweep.time_s)
     local = np.einsum("nji,nj->ni", poses[:, :3, :3], sweep.points - poses[:, :3, 3])
     ring = nearest_rings(sweep.ring, local, lidar)
-    kept = ring < MOST_LASERS
+    written = ring < MOST_LASERS
     if sweep.rank is not None:
-        kept &= sweep.rank == 0
-    order = np.flatnonzero(kept)
+        written &= sweep.rank == 0
+    order = np.flatnonzero(written)
     order = order[np.lexsort((ring[order], offset[order]))]
     points = transform_points(invert_pose(world_from_ego), sweep.points[order])
     return {
@@ -173,8 +147,8 @@ def sweep_table(sweep: Sweep, world_from_ego: FloatArray, stamp: int, lidar: Lid
     }
 
 
-def _finish(recording: _Recording) -> None:
-    folder, drive = recording.root / recording.folder, recording.drive
+def _finish(recording: RigRecording) -> None:
+    folder, drive = recording.root / _folder(recording), recording.drive
     stamps = {*recording.sweeps.values(), *(stamp for camera in recording.cameras for stamp in camera.stamps.values())}
     # to the last sweep's end, and the vehicle's own poses in between
     stamps.add(max(recording.sweeps.values()) + round(recording.lidar.model.sweep_s * 1e9))
@@ -214,7 +188,7 @@ def _intrinsics(cameras: Sequence[LayoutCamera]) -> dict[str, Any]:
     }
 
 
-def _annotations(recording: _Recording) -> dict[str, Any]:
+def _annotations(recording: RigRecording) -> dict[str, Any]:
     """Boxes in the vehicle's frame at their sweep's stamp, each where it was in the world as the beams passed it."""
     rows: dict[str, list[Any]] = {name: [] for name in ("timestamp_ns", "track_uuid", "category", "num_interior_pts")}
     poses, sizes = [], []

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +15,13 @@ from ...errors import OutputError
 from ...files import write_file
 from ...geometry import FloatArray, Trajectory, invert_pose, mean_pose
 from ...sensors.lidar import column_azimuths, column_times
-from ...world.drive import Camera, CameraModel, Drive, Lidar
+from ...world.drive import Camera, CameraModel, Drive, Lidar, RollingShutter
+from ...world.replay import over_whole_frames
+from .class_names import renamed, renamed_sentence
 from .image_bytes import Rectification, image_file, path_kind, rectification_of
 from .writer import Tick, WriterPart
+
+RecordingT = TypeVar("RecordingT", bound="RigRecording")
 
 
 @dataclass
@@ -32,25 +37,70 @@ class LayoutCamera:
     stamps: dict[int, int]
 
 
-def rig_cameras(
-    log: Log,
-    headings_deg: Mapping[str, float],
-    farthest_deg: float,
-    own_channel: Callable[[str], str],
-    stamp: Callable[[float], int],
-) -> tuple[list[LayoutCamera], list[str]]:
-    """Return the cameras of a log that have images, and a sentence for each thing that they lose, "" for nothing.
+@dataclass(frozen=True)
+class RigLayout:
+    """A dataset's layout.
 
-    ``headings_deg`` and ``farthest_deg``: see `named_by_heading`; ``own_channel`` names the channel of another camera; ``stamp``
-    makes the layout's stamp of a time in seconds. Raises `OutputError` for two images at one time.
+    ``title`` stands in sentences, ``dataset`` has the class names. ``headings_deg`` and ``farthest_deg``: see `named_by_heading`;
+    ``own_channel`` names the channel of another camera. ``stamp`` makes the layout's stamp of a time of the drive in seconds,
+    ``seconds`` the time of a stamp. ``sweep_s`` gives the time by which a frame's sweep is stamped.
     """
+
+    title: str
+    dataset: str
+    headings_deg: Mapping[str, float]
+    farthest_deg: float
+    own_channel: Callable[[str], str]
+    stamp: Callable[[float], int]
+    seconds: Callable[[int], float]
+    sweep_s: Callable[[Lidar, int], float]
+
+
+@dataclass
+class RigRecording:
+    """A log as a `RigLayout` has it, to be written below ``root``: all that its files follow from.
+
+    ``name`` is the drive's, as a file's; ``mount`` (4, 4) the LiDAR's on the vehicle; ``sweeps``: stamps by frame, which follow
+    each other. ``losses`` and ``camera_losses`` have a sentence for each thing that is lost, "" for nothing.
+    """
+
+    log: Log
+    root: Path
+    drive: Drive
+    name: str
+    lidar: Lidar
+    mount: FloatArray
+    sweeps: dict[int, int]
+    losses: list[str]
+    cameras: list[LayoutCamera]
+    camera_losses: list[str]
+
+    @classmethod
+    def plan(cls: type[RecordingT], log: Log, root: Path, layout: RigLayout) -> RecordingT:
+        """Plan a log. Raises `OutputError` without a LiDAR that turns, or for one that does not ride on the vehicle."""
+        drive, labels = renamed(over_whole_frames(log.drive), layout.dataset)
+        lidar, losses = turning_lidar(log, layout.title)
+        frames = log.sweep_frames(lidar.sensor_id)
+        sweeps = {frame: layout.stamp(layout.sweep_s(lidar, frame)) for frame in frames}
+        if any(sweeps[a] >= sweeps[b] for a, b in zip(frames, frames[1:], strict=False)):
+            raise OutputError(f"{log.path}: {lidar.sensor_id}'s sweeps do not follow each other in time")
+        times = np.array([layout.seconds(stamp) for stamp in sweeps.values()])
+        mount, moves = fixed_mount(lidar.sensor_id, lidar.world_from_lidar, drive.world_from_ego, times)
+        name = "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in drive.name)
+        cameras, camera_losses = _plan_cameras(log, layout)
+        losses += [renamed_sentence(labels), moves]
+        return cls(log, root, drive, name, lidar, mount, sweeps, losses, cameras, camera_losses)
+
+
+def _plan_cameras(log: Log, layout: RigLayout) -> tuple[list[LayoutCamera], list[str]]:
+    """Return the cameras of a log that have images, and what they lose. Raises `OutputError` for two images at one time."""
     said: list[str] = []
     mounts: dict[str, FloatArray] = {}
     for name, (mount, sentence) in camera_mounts(log).items():
         said.append(sentence)
         if mount is not None:
             mounts[name] = mount
-    channels = named_by_heading(mounts, headings_deg, farthest_deg)
+    channels = named_by_heading(mounts, layout.headings_deg, layout.farthest_deg)
     cameras = []
     for name, mount in mounts.items():
         camera, there = log.drive.cameras[name], log.image_frames(name)
@@ -60,10 +110,10 @@ def rig_cameras(
         elif path_kind(log.image_path(name, there[0])) != "jpeg":
             said.append(f"{name}: its images are packed again, as JPEG")
         model = camera.model if rectification is None else rectification.model
-        stamps = {frame: stamp(exposure_middle(camera, frame)) for frame in there}
+        stamps = {frame: layout.stamp(exposure_middle(camera, frame)) for frame in there}
         if len(set(stamps.values())) < len(stamps):
             raise OutputError(f"{log.path}: {name} has two images at one time")
-        channel = channels.get(name) or own_channel(name)
+        channel = channels.get(name) or layout.own_channel(name)
         cameras.append(LayoutCamera(name, channel, mount, model, rectification, stamps))
     return cameras, said
 
@@ -89,12 +139,12 @@ def turning_lidar(log: Log, layout: str) -> tuple[Lidar, list[str]]:
     """Return the LiDAR of a layout that has one: of those that turn all round and have sweeps, the one with most beams, of equal
     ones the highest; and a sentence for each of the others. Raises `OutputError` where there is none."""
     drive = log.drive
-    found = [one for name, one in drive.lidars.items() if log.sweep_frames(name) and _turns(one)]
-    if not found:
+    turning = [lidar for name, lidar in drive.lidars.items() if log.sweep_frames(name) and _turns(lidar)]
+    if not turning:
         raise OutputError(
             f"{log.path}: has no sweeps of a LiDAR that turns all round, and {layout}'s layout needs them"
         )
-    chosen = max(found, key=lambda one: (one.model.beams, _height(one, drive)))
+    chosen = max(turning, key=lambda lidar: (lidar.model.beams, _height(lidar, drive)))
     others = [name for name in drive.lidars if name != chosen.sensor_id and log.sweep_frames(name)]
     return chosen, [f"{name}: is left out, {layout} has one LiDAR" for name in others]
 
@@ -133,6 +183,12 @@ def nearest_rings(ring: NDArray[np.int32], local: FloatArray, lidar: Lidar) -> N
     return np.where(ring >= 0, ring, nearest)
 
 
+def mid_exposure_shutter(camera: Camera) -> RollingShutter:
+    """Return a camera's shutter where its images are stamped in the middle of their exposure."""
+    shutter = camera.model.shutter
+    return RollingShutter(shutter.duration_s, 0.5, shutter.axis)
+
+
 def exposure_middle(camera: Camera, frame: int) -> float:
     """Return the middle of an image's exposure, seconds: where a layout has one time and pose for an image, those are taken."""
     start, end = camera.model.shutter.exposure_s(camera.time_s[frame])
@@ -162,17 +218,17 @@ def moved(off_m: float, off_rad: float) -> str:
 
 def camera_mounts(log: Log) -> dict[str, tuple[FloatArray | None, str]]:
     """Return `fixed_mount` of each camera that has images, by name; None and why, where it does not ride on the vehicle."""
-    found: dict[str, tuple[FloatArray | None, str]] = {}
+    mounts: dict[str, tuple[FloatArray | None, str]] = {}
     for name, camera in log.drive.cameras.items():
         frames = log.image_frames(name)
         if not frames:
             continue
         times = np.array([exposure_middle(camera, frame) for frame in frames])
         try:
-            found[name] = fixed_mount(name, camera.world_from_camera, log.drive.world_from_ego, times)
+            mounts[name] = fixed_mount(name, camera.world_from_camera, log.drive.world_from_ego, times)
         except OutputError as fault:
-            found[name] = None, f"{fault}: it is left out"
-    return found
+            mounts[name] = None, f"{fault}: it is left out"
+    return mounts
 
 
 def named_by_heading(
@@ -185,8 +241,8 @@ def named_by_heading(
         heading = np.degrees(np.arctan2(mount[1, 2], mount[0, 2]))
         for channel, wanted in headings_deg.items():
             off[name, channel] = abs((heading - wanted + 180) % 360 - 180)
-    found: dict[str, str] = {}
+    names: dict[str, str] = {}
     for (name, channel), apart in sorted(off.items(), key=lambda item: item[1]):
-        if apart <= farthest_deg and name not in found and channel not in found.values():
-            found[name] = channel
-    return found
+        if apart <= farthest_deg and name not in names and channel not in names.values():
+            names[name] = channel
+    return names

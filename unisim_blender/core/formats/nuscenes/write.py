@@ -7,31 +7,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from ...data.log import Log, SweepGrid
-from ...errors import OutputError
 from ...files import write_file
 from ...geometry import FloatArray, invert_pose
 from ...json_file import json_bytes
 from ...sensors.lidar import beam_directions, column_times
 from ...world.captures import SECOND_US, microseconds
-from ...world.drive import Actor, CameraModel, Drive, Lidar, LidarModel, RollingShutter
-from ...world.replay import over_whole_frames
+from ...world.drive import Actor, CameraModel, Lidar, LidarModel
 from ..common.box_tracks import box_poses, hidden_shares
-from ..common.class_names import renamed, renamed_sentence
-from ..common.rigs import (
-    LayoutCamera,
-    fixed_mount,
-    image_part,
-    looking_time,
-    rig_cameras,
-    turning_lidar,
-)
+from ..common.rigs import LayoutCamera, RigLayout, RigRecording, image_part, looking_time, mid_exposure_shutter
 from ..common.sensor_file import LidarSetup, LogSetup, write_setup
 from ..common.writer import SCRATCH, Tick, WritePlan, WriterPart
 from .columns import BODY_MAX_M, BODY_MIN_M, OWN_FROM_DATASETS
@@ -54,9 +44,9 @@ def seconds(stamp: int) -> float:
     return (stamp - EPOCH_US) / SECOND_US
 
 
-def sweep_stamp(lidar: Lidar, frame: int) -> int:
-    """Return the stamp of a frame's sweep: when its last column is fired."""
-    return stamp_us(float(column_times(lidar, lidar.time_s[frame])[-1]))
+def _end_s(lidar: Lidar, frame: int) -> float:
+    """Return when the last column of a frame's sweep is fired, by which it is stamped."""
+    return float(column_times(lidar, lidar.time_s[frame])[-1])
 
 
 def last_column_s(model: LidarModel) -> float:
@@ -109,19 +99,16 @@ FARTHEST_DEG = 50.0
 """A camera that looks further from all of them has a channel of its own name."""
 
 
-@dataclass
-class _Scene:
-    """All that the files of a scene follow from."""
+def _own_channel(name: str) -> str:
+    return "CAM_" + "".join(letter if letter.isalnum() else "_" for letter in name.upper())
 
-    log: Log
-    root: Path
-    drive: Drive
-    name: str
-    lidar: Lidar
-    mount: FloatArray
-    sweeps: dict[int, int]
-    """Stamps by frame."""
-    cameras: list[LayoutCamera] = field(default_factory=list)
+
+LAYOUT = RigLayout("nuScenes", "nuscenes", CHANNELS, FARTHEST_DEG, _own_channel, stamp_us, seconds, _end_s)
+
+
+@dataclass
+class _Scene(RigRecording):
+    """A recording with its key frames."""
 
     @cached_property
     def keys(self) -> list[int]:
@@ -146,8 +133,8 @@ class _Scene:
             near = near if len(near) else following[:1]
             best = min(near.tolist(), key=lambda at: (round(float(late[at]) / SAME_S), abs(after[at]), at))
             chosen.append(best)
-        found = [frames[at] for at in chosen]
-        return found if found[-1] == frames[-1] else [*found, frames[-1]]
+        keys = [frames[at] for at in chosen]
+        return keys if keys[-1] == frames[-1] else [*keys, frames[-1]]
 
     def file(self, channel: str, stamp: int, is_key: bool) -> str:
         """Where a capture's file lies."""
@@ -160,13 +147,13 @@ class _Scene:
         frames = list(camera.stamps)
         apart = np.abs(self._exposed_s(camera) - self._passed_s(camera, self.keys)[:, None])
         pairs = sorted((float(apart[at, image]), at, image) for at, image in np.argwhere(apart <= KEY_S).tolist())
-        found: dict[int, tuple[int, float]] = {}
+        images: dict[int, tuple[int, float]] = {}
         taken: set[int] = set()
         for between, at, image in pairs:
-            if self.keys[at] not in found and image not in taken:
-                found[self.keys[at]] = frames[image], between
+            if self.keys[at] not in images and image not in taken:
+                images[self.keys[at]] = frames[image], between
                 taken.add(image)
-        return found
+        return images
 
     def _exposed_s(self, camera: LayoutCamera) -> FloatArray:
         """The middles of a camera's exposures, in the order of its stamps."""
@@ -188,18 +175,9 @@ class NuscenesLogWriter:
 
     def plan(self, log: Log, path: Path) -> WritePlan:
         """Plan the scene. Raises `OutputError` without a LiDAR that turns, or for one that does not ride on the vehicle."""
-        drive, labels = renamed(over_whole_frames(log.drive), "nuscenes")
-        lidar, losses = turning_lidar(log, "nuScenes")
-        sweeps = {frame: sweep_stamp(lidar, frame) for frame in log.sweep_frames(lidar.sensor_id)}
-        frames = sorted(sweeps)
-        if any(sweeps[a] >= sweeps[b] for a, b in zip(frames, frames[1:], strict=False)):
-            raise OutputError(f"{log.path}: {lidar.sensor_id}'s sweeps do not follow each other in time")
-        times = np.array([seconds(stamp) for stamp in sweeps.values()])
-        mount, moves = fixed_mount(lidar.sensor_id, lidar.world_from_lidar, drive.world_from_ego, times)
-        name = "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in drive.name) or "scene"
-        scene = _Scene(log, path, drive, name, lidar, mount, sweeps)
-        scene.cameras, lost = rig_cameras(log, CHANNELS, FARTHEST_DEG, _own_channel, stamp_us)
-        losses += [renamed_sentence(labels), moves, NOT_WRITTEN, *lost]
+        scene = _Scene.plan(log, path, LAYOUT)
+        scene.name, lidar = scene.name or "scene", scene.lidar
+        losses, name = [*scene.losses, NOT_WRITTEN, *scene.camera_losses], scene.name
         if name != scene_name(name):
             losses.append(
                 f"the scene is called {scene_name(name)}, which predefined splits list; {name} is its description"
@@ -208,7 +186,7 @@ class NuscenesLogWriter:
             late = 1e6 * float(np.ptp(lidar.model.beam_time_s))
             losses.append(f"{lidar.sensor_id}: beams of a column have one time; they were fired within {late:.0f} us")
         keys = scene.keys
-        parts = [_sweep_part(scene, frame, frame in keys) for frame in frames]
+        parts = [_sweep_part(scene, frame, frame in keys) for frame in sorted(scene.sweeps)]
         for camera in scene.cameras:
             key_images = scene.key_images(camera)
             losses.append(_key_images_sentence(camera, key_images, len(keys)))
@@ -216,10 +194,6 @@ class NuscenesLogWriter:
             for frame, stamp in camera.stamps.items():
                 parts.append(image_part(log, camera, frame, path, scene.file(camera.channel, stamp, frame in key)))
         return WritePlan(tuple(filter(None, losses)), parts, lambda: _finish(scene))
-
-
-def _own_channel(name: str) -> str:
-    return "CAM_" + "".join(letter if letter.isalnum() else "_" for letter in name.upper())
 
 
 def _key_images_sentence(camera: LayoutCamera, key_images: dict[int, tuple[int, float]], keys: int) -> str:
@@ -402,10 +376,8 @@ def _setup(scene: _Scene) -> LogSetup:
     late, first = last_column_s(model), seconds(min(scene.sweeps.values()))
     stamped = replace(model, time_offset_s=model.time_offset_s - late)
     phase = lidar.phase and replace(lidar.phase, times_s=lidar.phase.times_s + late - first)
-    shutters = {}
-    for camera in scene.cameras:
-        shutter = scene.drive.cameras[camera.name].model.shutter
-        shutters[camera.channel] = RollingShutter(shutter.duration_s, 0.5, shutter.axis)
+    drive = scene.drive
+    shutters = {camera.channel: mid_exposure_shutter(drive.cameras[camera.name]) for camera in scene.cameras}
     return LogSetup(
         name=scene.name,
         frames=tuple(sorted(scene.sweeps)),

@@ -12,11 +12,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from ...errors import short
-from ...geometry import FloatArray
-from .document import Document, NotUnderstoodError, XmlNode, innermost
+from .distances import distance_between
+from .document import Document, NotUnderstoodError, XmlNode, innermost, read_child
 from .entities import STANDS_M_S, Entity
 from .paths import Place
 from .positions import Positions
@@ -29,6 +27,10 @@ CLOSE = 1e-6
 RULES = ("greaterThan", "greaterOrEqual", "lessThan", "lessOrEqual", "equalTo", "notEqualTo")
 EDGES = ("none", "rising", "falling", "risingOrFalling")
 SYSTEMS = ("entity", "lane", "road", "trajectory")
+STATES = (
+    "startTransition", "endTransition", "stopTransition", "skipTransition", "completeState", "runningState",
+    "standbyState",
+)  # fmt: skip
 KINDS = ("longitudinal", "lateral", "euclidianDistance", "cartesianDistance")
 Ask = Callable[[float], bool]
 AskOf = Callable[[Entity, float], bool]
@@ -92,7 +94,7 @@ class Trigger:
         if not self.groups:
             return self.met_when_empty
         # all are asked each time, as an edge is seen only by who looked before
-        return any([all([one.met(board, time_s) for one in group]) for group in self.groups])
+        return any([all([condition.met(board, time_s) for condition in group]) for group in self.groups])
 
 
 class Conditions:
@@ -105,16 +107,16 @@ class Conditions:
         """Read a trigger. A group with a condition that is not understood is never met, and a sentence says so."""
         groups = []
         for group in [] if node is None else node.children("ConditionGroup"):
-            found, complete = [], True
-            for one in group.at(place).children("Condition"):
+            conditions, complete = [], True
+            for condition in group.at(place).children("Condition"):
                 try:
-                    found.append(self._condition(one))
+                    conditions.append(self._condition(condition))
                 except NotUnderstoodError as fault:
                     self.document.say(f"{fault} is not understood: its group of conditions is never met", place)
-                    one.settled()
+                    condition.settled()
                     complete = False
             if complete:
-                groups.append(found)
+                groups.append(conditions)
             elif not groups:
                 groups.append([NEVER])
         return Trigger(groups, met_when_empty)
@@ -143,25 +145,14 @@ class Conditions:
         if state is not None:
             self.board.needs_steps = True
             kind, name = state.text("storyboardElementType"), state.text("storyboardElementRef")
-            wanted = state.choice(
-                "state",
-                (
-                    "startTransition",
-                    "endTransition",
-                    "stopTransition",
-                    "skipTransition",
-                    "completeState",
-                    "runningState",
-                    "standbyState",
-                ),
-            )
+            wanted = state.choice("state", STATES)
             return lambda time_s: self.board.is_in_state(kind, name, wanted)
         for tag, values in (("Parameter", self.board.parameters), ("Variable", self.board.variables)):
-            found = node.child(f"{tag}Condition")
-            if found is not None:
+            condition = node.child(f"{tag}Condition")
+            if condition is not None:
                 self.board.needs_steps = True
-                name = found.name_in(f"{tag.lower()}Ref")
-                rule, value = found.choice("rule", RULES), found.text("value")
+                name = condition.name_in(f"{tag.lower()}Ref")
+                rule, value = condition.choice("rule", RULES), condition.text("value")
                 if name not in values:
                     raise NotUnderstoodError(f"{tag}Condition with {short(name)} (which is not declared)")
                 return lambda time_s, values=values, name=name: _compares(values[name], rule, value)  # type: ignore[misc]
@@ -173,35 +164,33 @@ class Conditions:
         if holder is None or asked is None:
             raise NotUnderstoodError(innermost(node.element))
         every = holder.choice("triggeringEntitiesRule", ("any", "all"), "any") == "all"
-        entities = [self.board.entity(one.text("entityRef")) for one in holder.children("EntityRef")]
+        entities = self.board.entities_of(holder)
         ask = self._of_entity(asked)
 
         def met(time_s: float) -> bool:
             # all are asked, as some conditions remember
-            found = [one.is_there and one.place(time_s) is not None and ask(one, time_s) for one in entities]
-            return bool(found) and (all(found) if every else any(found))
+            answers = [
+                entity.is_there and entity.place(time_s) is not None and ask(entity, time_s) for entity in entities
+            ]
+            return bool(answers) and (all(answers) if every else any(answers))
 
         return met
 
     def _of_entity(self, node: XmlNode) -> AskOf:
-        kinds: dict[str, Callable[[XmlNode], AskOf]] = {
-            "TimeHeadwayCondition": self._headway,
-            "TimeToCollisionCondition": self._time_to_collision,
-            "AccelerationCondition": self._acceleration,
-            "StandStillCondition": self._stands,
-            "SpeedCondition": self._speed,
-            "RelativeSpeedCondition": self._relative_speed,
-            "TraveledDistanceCondition": self._traveled,
-            "ReachPositionCondition": self._reaches,
-            "DistanceCondition": self._distance,
-            "RelativeDistanceCondition": self._relative_distance,
-            "CollisionCondition": self._collides,
+        readers: dict[tuple[str, ...], Callable[[XmlNode], AskOf]] = {
+            ("TimeHeadwayCondition",): self._headway,
+            ("TimeToCollisionCondition",): self._time_to_collision,
+            ("AccelerationCondition",): self._acceleration,
+            ("StandStillCondition",): self._stands,
+            ("SpeedCondition",): self._speed,
+            ("RelativeSpeedCondition",): self._relative_speed,
+            ("TraveledDistanceCondition",): self._traveled,
+            ("ReachPositionCondition",): self._reaches,
+            ("DistanceCondition",): self._distance,
+            ("RelativeDistanceCondition",): self._relative_distance,
+            ("CollisionCondition",): self._collides,
         }
-        for tag, read in kinds.items():
-            found = node.child(tag)
-            if found is not None:
-                return read(found)
-        raise NotUnderstoodError(innermost(node.element))
+        return read_child(node, readers)
 
     def _measure(self, node: XmlNode, default: str) -> tuple[str, bool, str]:
         """Read what kind of distance is meant: its kind, whether between boxes, and along what."""
@@ -218,7 +207,7 @@ class Conditions:
         kind, free, system = self._measure(node, "longitudinal")
 
         def ask(entity: Entity, time_s: float) -> bool:
-            gap, speed = self.board.gap(entity, other, kind, free, system, time_s), entity.speed(time_s)
+            gap, speed = distance_between(entity, other, kind, free, system, time_s), entity.speed(time_s)
             # there is no headway to what is behind, and none of what stands or goes backward
             return gap is not None and gap >= 0 and speed > CLOSE and fits(gap / speed, rule, value)
 
@@ -227,34 +216,38 @@ class Conditions:
     def _time_to_collision(self, node: XmlNode) -> AskOf:
         rule, value = node.choice("rule", RULES), node.number("value")
         kind, free, system = self._measure(node, "euclidianDistance")
-        other, target = self._target(node.child("TimeToCollisionConditionTarget"))
+        holder = node.child("TimeToCollisionConditionTarget")
+        entity, position = (None, None) if holder is None else (holder.child("EntityRef"), holder.child("Position"))
+        if entity is None and position is None:
+            raise NotUnderstoodError("TimeToCollisionCondition without a target")
+        target = self._entity(entity) if entity is not None else self._place(node, position)
 
         def ask(entity: Entity, time_s: float) -> bool:
-            to = other if other is not None else target(time_s) if target is not None else None
-            if to is None:
+            other = target(time_s)
+            if other is None:
                 return False
-            gap = self.board.gap(entity, to, kind, free, system, time_s)
-            closes = _closing(entity, to, kind, time_s)
+            gap = distance_between(entity, other, kind, free, system, time_s)
+            closes = _closing(entity, other, kind, time_s)
             return gap is not None and gap >= 0 and closes > CLOSE and fits(gap / closes, rule, value)
 
         return ask
 
-    def _target(self, node: XmlNode | None) -> tuple[Entity | None, Callable[[float], Place | None] | None]:
-        entity, position = (None, None) if node is None else (node.child("EntityRef"), node.child("Position"))
-        if entity is not None:
-            return self.board.entity(entity.text("entityRef")), None
-        if position is None:
-            raise NotUnderstoodError("TimeToCollisionCondition without a target")
-        return None, self._place(position)
+    def _entity(self, node: XmlNode) -> Callable[[float], Entity]:
+        """Read which entity an element's entityRef names, as a function of time."""
+        entity = self.board.entity(node.text("entityRef"))
+        return lambda time_s: entity
 
-    def _place(self, node: XmlNode) -> Callable[[float], Place | None]:
-        locate = self.positions.position(node)
+    def _place(self, node: XmlNode, position: XmlNode | None) -> Callable[[float], Place | None]:
+        """Read a condition's position as a function of time."""
+        if position is None:
+            raise NotUnderstoodError(f"{node.tag} without a Position")
+        locate = self.positions.position(position)
 
         def place(time_s: float) -> Place | None:
             try:
-                return locate(self.board, time_s).place
+                return locate(time_s).place
             except NotUnderstoodError as fault:
-                self.document.say(f"{fault} is not understood: its group of conditions is never met", node.place)
+                self.document.say(f"{fault} is not understood: its group of conditions is never met", position.place)
                 return None
 
         return place
@@ -302,10 +295,7 @@ class Conditions:
         return lambda entity, time_s: entity.way_m >= value - CLOSE
 
     def _reaches(self, node: XmlNode) -> AskOf:
-        tolerance, position = node.number("tolerance"), node.child("Position")
-        if position is None:
-            raise NotUnderstoodError("ReachPositionCondition without a Position")
-        place = self._place(position)
+        tolerance, place = node.number("tolerance"), self._place(node, node.child("Position"))
 
         def ask(entity: Entity, time_s: float) -> bool:
             own, there = entity.place(time_s), place(time_s)
@@ -314,25 +304,18 @@ class Conditions:
         return ask
 
     def _distance(self, node: XmlNode) -> AskOf:
-        rule, value, position = node.choice("rule", RULES), node.number("value"), node.child("Position")
-        kind, free, system = self._measure(node, "euclidianDistance")
-        if position is None:
-            raise NotUnderstoodError("DistanceCondition without a Position")
-        place = self._place(position)
-
-        def ask(entity: Entity, time_s: float) -> bool:
-            there = place(time_s)
-            gap = None if there is None else self.board.gap(entity, there, kind, free, system, time_s)
-            return gap is not None and fits(abs(gap), rule, value)
-
-        return ask
+        return self._is_away(node, self._place(node, node.child("Position")))
 
     def _relative_distance(self, node: XmlNode) -> AskOf:
-        other, rule, value = self.board.entity(node.text("entityRef")), node.choice("rule", RULES), node.number("value")
+        return self._is_away(node, self._entity(node))
+
+    def _is_away(self, node: XmlNode, target: Callable[[float], Entity | Place | None]) -> AskOf:
+        rule, value = node.choice("rule", RULES), node.number("value")
         kind, free, system = self._measure(node, "euclidianDistance")
 
         def ask(entity: Entity, time_s: float) -> bool:
-            gap = self.board.gap(entity, other, kind, free, system, time_s)
+            other = target(time_s)
+            gap = None if other is None else distance_between(entity, other, kind, free, system, time_s)
             return gap is not None and fits(abs(gap), rule, value)
 
         return ask
@@ -344,7 +327,7 @@ class Conditions:
         other = self.board.entity(given.text("entityRef"))
 
         def ask(entity: Entity, time_s: float) -> bool:
-            gap = self.board.gap(entity, other, "euclidianDistance", True, "entity", time_s)
+            gap = distance_between(entity, other, "euclidianDistance", True, "entity", time_s)
             return gap is not None and gap <= 0
 
         return ask
@@ -377,23 +360,3 @@ def _compares(value: str, rule: str, limit: str) -> bool:
         return fits(float(value), rule, float(limit))
     except ValueError:
         return (value == limit) == (rule == "equalTo") and rule in ("equalTo", "notEqualTo")
-
-
-def boxes_apart(a: FloatArray, b: FloatArray) -> float:
-    """Return how far two convex outlines (N, 2), (M, 2) are apart in the plane; 0 where they overlap."""
-    for first, second in ((a, b), (b, a)):
-        for edge in np.roll(first, -1, 0) - first:
-            across = np.array([-edge[1], edge[0]])
-            low, high = first @ across, second @ across
-            if low.max() < high.min() or high.max() < low.min():
-                return min(_outside(a, b), _outside(b, a))
-    return 0.0
-
-
-def _outside(points: FloatArray, outline: FloatArray) -> float:
-    """Return the least distance of points from an outline's edges."""
-    starts, edges = outline, np.roll(outline, -1, 0) - outline
-    to = points[:, None] - starts[None]
-    lengths = np.maximum((edges**2).sum(1), 1e-12)
-    share = np.clip((to * edges).sum(2) / lengths, 0, 1)
-    return float(np.linalg.norm(to - share[..., None] * edges, axis=2).min())

@@ -183,7 +183,7 @@ class Entity:
             x, y, z, h, p, r = self.curve.at(self.s_m, self.left_m)
             since = self._extra_from_m
             fades = 1.0 if since is None else max(0.0, 1 - abs(self.way_m - since) / FADES_M)
-            dz, dh, dp, dr = (fades * one for one in self._extra)
+            dz, dh, dp, dr = (fades * offset for offset in self._extra)
             return x, y, z + dz, h + dh + self._slip, p + dp, r + dr
         return None if self.recorded is None else place_of(self.recorded.at(time_s))
 
@@ -230,6 +230,12 @@ class Entity:
         if self._recorded_curve is None and self.recorded is not None:
             self._recorded_curve = Curve.recorded(self.recorded, *self.span_s)
         return self._recorded_curve
+
+    @property
+    def lane_offset_m(self) -> float:
+        """How far it is from its lane's middle, to the left of its road's direction."""
+        on_path = self.curve is not None and self.timed is None
+        return self.road_sign * (self.left_m - self.lane_left_m) if on_path else 0.0
 
     def put(self, spot: Spot, time_s: float) -> None:
         """Put it at a place, from which it goes on at its speed."""

@@ -78,7 +78,7 @@ class Ego(Edit):
         keys = merged_times(drive.world_from_ego.times_s, times, np.array([start, end]))
         curve = offset_curve(drive.world_from_ego, keys, offset_at)
         return _with_riders(
-            drive, displaced(drive.world_from_ego, curve), lambda riders: [displaced(one, curve) for one in riders]
+            drive, displaced(drive.world_from_ego, curve), lambda riders: [displaced(rider, curve) for rider in riders]
         )
 
 
@@ -95,7 +95,7 @@ def _on_trajectory(drive: Drive, new: Trajectory) -> Drive:
             known = np.clip(t, start, end)  # beyond, sensors stay where they are on the vehicle
             return np.asarray(new.at(t) @ invert_pose(old.at(known)) @ stacked.at(known, which))
 
-        times = [merged_times(new.times_s, old.times_s, one.times_s, ends) for one in riders]
+        times = [merged_times(new.times_s, old.times_s, rider.times_s, ends) for rider in riders]
         return sampled_together(poses, times)
 
     return _with_riders(drive, new, carried)
@@ -105,9 +105,9 @@ def _with_riders(
     drive: Drive, world_from_ego: Trajectory, carried: Callable[[list[Trajectory]], list[Trajectory]]
 ) -> Drive:
     bodies = {key: actor for key, actor in drive.actors.items() if actor.is_ego_body}
-    riders = [one.world_from_camera for one in drive.cameras.values()]
-    riders += [one.world_from_lidar for one in drive.lidars.values()]
-    riders += [one.world_from_actor for one in bodies.values()]
+    riders = [camera.world_from_camera for camera in drive.cameras.values()]
+    riders += [lidar.world_from_lidar for lidar in drive.lidars.values()]
+    riders += [body.world_from_actor for body in bodies.values()]
     there = iter(carried(riders) if riders else [])
     return replace(
         drive,

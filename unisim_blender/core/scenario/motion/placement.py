@@ -96,9 +96,9 @@ def rotation_of(rotation: Rotation) -> FloatArray:
 
 def rotations_of(rotations: Sequence[Rotation]) -> FloatArray:
     """Quaternions wxyz (N, 4), see `rotation_of`."""
-    stated = [one.quaternion_wxyz for one in rotations]
+    stated = [rotation.quaternion_wxyz for rotation in rotations]
     if None in stated:
-        return np.stack([rotation_of(one) for one in rotations])
+        return np.stack([rotation_of(rotation) for rotation in rotations])
     return unit_quaternions(np.array(stated, float))
 
 

@@ -71,13 +71,13 @@ def _halved(
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Return for each of several curves its times with midpoints added until ``mismatch`` is nowhere true, of the values at
     intervals' starts, middles and ends; and the values at these times. ``values_at`` gets times and the curves' numbers."""
-    counts = [len(one) for one in times]
+    counts = [len(curve_times) for curve_times in times]
     which, every = np.repeat(np.arange(len(counts)), counts), np.concatenate(times)
     begins = np.flatnonzero(which[1:] == which[:-1])
     starts, ends, own = every[begins], every[begins + 1], which[begins]
     middles = (starts + ends) / 2
-    found = values_at(np.concatenate([every, middles]), np.concatenate([which, own]))
-    values, between = np.split(found, [len(every)])
+    sampled = values_at(np.concatenate([every, middles]), np.concatenate([which, own]))
+    values, between = np.split(sampled, [len(every)])
     first, last = values[begins], values[begins + 1]
     for count in range(MAX_HALVINGS):
         if count:
@@ -163,25 +163,25 @@ def sampled_together(
         half_angle = np.minimum(np.linalg.norm(middle - true, axis=-1), np.linalg.norm(middle + true, axis=-1))
         return np.asarray((position_error > POSITION_TOLERANCE_M) | (2 * half_angle > ROTATION_TOLERANCE_RAD))
 
-    found = _halved(times, values_at, mismatch)
-    return [Trajectory(times, values[:, :3], values[:, 3:]) for times, values in found]
+    curves = _halved(times, values_at, mismatch)
+    return [Trajectory(times, values[:, :3], values[:, 3:]) for times, values in curves]
 
 
 class Stacked:
     """Trajectories whose poses are asked for together."""
 
     def __init__(self, trajectories: Sequence[Trajectory]) -> None:
-        self._times = [one.times_s for one in trajectories]
-        counts = [len(one) for one in self._times]
+        self._times = [trajectory.times_s for trajectory in trajectories]
+        counts = [len(trajectory) for trajectory in self._times]
         self._first = np.cumsum(counts) - counts
         self._keys = tuple(
-            np.concatenate([getattr(one, name) for one in trajectories])
+            np.concatenate([getattr(trajectory, name) for trajectory in trajectories])
             for name in ("times_s", "positions", "quaternions_wxyz")
         )
 
     def at(self, time_s: FloatArray, which: Indices) -> FloatArray:
         """Return poses (N, 4, 4) at times (N,) of trajectories of these numbers (N,): those of `Trajectory.at`, to the bit."""
-        lower, last = np.zeros(len(which), np.int64), np.array([len(one) - 1 for one in self._times])
+        lower, last = np.zeros(len(which), np.int64), np.array([len(keys) - 1 for keys in self._times])
         for number, times in enumerate(self._times):
             own = which == number
             lower[own] = np.searchsorted(times, time_s[own], side="right") - 1
@@ -194,7 +194,7 @@ class Stacked:
         return make_pose(places, slerp(quaternions[lower], quaternions[upper], u))
 
 
-def held(trajectory: Trajectory) -> Trajectory:
+def holding_ends(trajectory: Trajectory) -> Trajectory:
     """The trajectory, standing still before its first key and after its last."""
     if len(trajectory.times_s) == 1:
         return trajectory

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...geometry import BoolArray, FloatArray
 from ...world.actor_path import ActorPath
-from ..states import FootprintArrays, Traffic
+from ..states import Footprint, FootprintArrays, Traffic
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def swept(ways: Sequence[Way]) -> Swept:
 
 _REFINEMENTS = 8
 _CLOSE_M = 1e-3
-"""Of a gap: it need not be known more exactly."""
+"""Precision of a gap."""
 
 
 _SLACK_M = 1.0
@@ -203,16 +203,13 @@ def _meetings(
     return search[met], other[met], pose[met], apart[met], pair[met]
 
 
-def touching(
-    x_m: float, y_m: float, heading_rad: float, length_m: float, width_m: float, traffic: Traffic, uid: str
-) -> tuple[str, ...]:
-    """Return the identifiers of the boxes that a box overlaps."""
-    every = np.arange(len(traffic.footprints))
-    apart = separations(
-        np.array([x_m]), np.array([y_m]), np.array([heading_rad]), (length_m / 2, width_m / 2), traffic.boxes, every
-    )[0]
+def touching(box: Footprint, traffic: Traffic) -> tuple[str, ...]:
+    """Return the identifiers of the other boxes that a box overlaps."""
+    every, half = np.arange(len(traffic.footprints)), (box.length_m / 2, box.width_m / 2)
+    place = (np.array([value]) for value in (box.x_m, box.y_m, box.heading_rad))
+    apart = separations(*place, half, traffic.boxes, every)[0]
     uids = (traffic.footprints[index].uid for index in np.flatnonzero(apart <= 0).tolist())
-    return tuple(hit for hit in uids if hit != uid)
+    return tuple(uid for uid in uids if uid != box.uid)
 
 
 def separations(

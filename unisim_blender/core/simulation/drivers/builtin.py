@@ -74,7 +74,7 @@ CONSTANT = register(DriverKind("constant", "straight on at the speed that it sta
 
 
 PLAN_STEP_US, PLAN_POSES = 250_000, 17
-"""A plan has poses so far apart, four seconds in all."""
+"""Time between a plan's poses, and their number: four seconds in all."""
 
 
 class IdmDriver:
@@ -92,7 +92,7 @@ class IdmDriver:
         assert observation.traffic is not None
         box = observation.traffic.ego
         if self._path is None:
-            return _standing(observation.time_us, observation.ego)
+            return Plan.at_rest(observation.time_us, observation.ego)
         s, _ = self._path.project(box.x_m, box.y_m)
         progress = PathProgress(self._path, s, observation.ego.speed_m_s, observation.ego.acceleration_m_s2)
         (lead,) = find_leads([search_of(progress, self._driver, self._size_m, EGO)], observation.traffic)
@@ -124,11 +124,6 @@ def _along(path: ActorPath, places: list[float], speeds: list[float], back_m: fl
         heading,
         np.array(speeds),
     )
-
-
-def _standing(time_us: int, ego: EgoState) -> Plan:
-    heading = math.remainder(ego.heading_rad, math.tau)
-    return Plan(np.array([time_us]), np.array([ego.x_m]), np.array([ego.y_m]), np.array([heading]), np.zeros(1))
 
 
 IDM = register(

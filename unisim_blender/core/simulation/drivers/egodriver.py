@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import math
 import uuid
-from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,15 +26,15 @@ if TYPE_CHECKING:
     from ...lenses.lens import Lens
 
 CONNECT_S = 20.0
-"""A driver that does not answer for so long at the start is not there."""
+"""Longest wait for a driver's first answer."""
 CALL_S = 300.0
-"""A call takes at most so long, as in AlpaSim."""
+"""Longest time of a call, as in AlpaSim."""
 ROUTE_M = 100.0
-"""So much of the route ahead is submitted."""
+"""Length of the route ahead that is submitted."""
 MOST_POSES = 10_000
-"""Of a plan."""
+"""Largest number of poses of a plan."""
 PLAN_S = 3600.0
-"""No pose of a plan is later than this."""
+"""Latest pose of a plan, seconds ahead."""
 HOLD_M_S2 = 3.0
 """How a vehicle brakes whose driver has ended its session."""
 
@@ -148,9 +148,12 @@ class EgodriverDriver:
         from ...formats.alpasim.messages import trajectory_message, vector_message
 
         request = self._protos.egodriver.RolloutEgoTrajectory(session_uuid=self._session)
-        poses = [_rig_pose(moment.state) for moment in motion]
+        states = [moment.state for moment in motion]
+        poses = [
+            make_pose(np.array([state.x_m, state.y_m, 0.0]), quaternion_from_yaw(state.heading_rad)) for state in states
+        ]
         request.trajectory.CopyFrom(trajectory_message([moment.time_us for moment in motion], poses))
-        for state in (moment.state for moment in motion):
+        for state in states:
             turning = state.speed_m_s * self._setup.vehicle.curvature(state.steering_rad, state.speed_m_s)
             request.dynamic_states.append(
                 self._protos.common.DynamicState(
@@ -191,8 +194,7 @@ class EgodriverDriver:
         if len(poses) > MOST_POSES:
             raise SimulationError(f"{self._where}: drive: a plan has at most {MOST_POSES} poses, not {len(poses)}")
         if not poses:
-            heading = math.remainder(ego.heading_rad, math.tau)
-            return Plan(np.array([now_us]), np.array([ego.x_m]), np.array([ego.y_m]), np.array([heading]), np.zeros(1))
+            return Plan.at_rest(now_us, ego)
         times = [int(pose.timestamp_us) for pose in poses]
         latest = now_us + round(PLAN_S * 1e6)
         late = next((time_us for time_us in times if time_us > latest), None)
@@ -204,11 +206,6 @@ class EgodriverDriver:
             return Plan(np.array(times, np.int64), matrices[:, 0, 3], matrices[:, 1, 3], headings)
         except (FieldError, SimulationError) as fault:
             raise SimulationError(f"{self._where}: drive: {fault}") from fault
-
-
-def _rig_pose(state: EgoState) -> FloatArray:
-    """Return the rig's pose (4, 4) of a vehicle in this state."""
-    return make_pose(np.array([state.x_m, state.y_m, 0.0]), quaternion_from_yaw(state.heading_rad))
 
 
 def _ahead(route: FloatArray, ego: EgoState) -> FloatArray:
@@ -226,12 +223,15 @@ def _ahead(route: FloatArray, ego: EgoState) -> FloatArray:
     return turned
 
 
-def _at(endpoint: Endpoint) -> Callable[[DriverSetup], Driver]:
-    return lambda setup: EgodriverDriver(endpoint, setup)
-
-
 def _nowhere(setup: DriverSetup) -> Driver:
     raise AssertionError(f"a driver with {len(setup.sensors)} sensors has no address")
 
 
-EGODRIVER = register(DriverKind("egodriver", "AlpaSim's protocol, a process at --driver-address", _nowhere, remote=_at))
+EGODRIVER = register(
+    DriverKind(
+        "egodriver",
+        "AlpaSim's protocol, a process at --driver-address",
+        _nowhere,
+        remote=lambda endpoint: partial(EgodriverDriver, endpoint),
+    )
+)

@@ -115,15 +115,15 @@ def write_film(simulation: Simulation, rollout: Rollout) -> Path:
     Raises `OutputError`.
     """
     path = simulation.out / FILM_NAME
-    write_video(film_frames(simulation, rollout), path, 1e6 / simulation.stage.step_us)
+    write_video(film_frames(simulation, rollout), path, 1e6 / simulation.context.step_us)
     return path
 
 
 def film_frames(simulation: Simulation, rollout: Rollout) -> Iterator[NDArray[np.uint8]]:
     """Yield the film's frames, all of one size (H, W, 3): one for each step, the start included."""
-    stage, out, setup = simulation.stage, simulation.out, simulation.setup()
-    cameras = list(stage.drive.cameras)
-    recorded = stage.drive.world_from_ego.positions[:, :2]
+    context, out, setup = simulation.context, simulation.out, simulation.setup()
+    cameras = list(context.drive.cameras)
+    recorded = context.drive.world_from_ego.positions[:, :2]
     seen = _blank(setup, cameras)
     returns: dict[str, FloatArray] = {}
     times, places = _path(rollout)
@@ -144,7 +144,7 @@ def film_frames(simulation: Simulation, rollout: Rollout) -> Iterator[NDArray[np
         from_above = Overhead(step.ego, HEIGHT).draw(
             np.concatenate([np.zeros((0, 3)), *returns.values()]),
             footprints_at(simulation, step),
-            footprint_of(step.ego, stage.vehicle),
+            footprint_of(step.ego, context.vehicle),
             plan,
             recorded,
         )

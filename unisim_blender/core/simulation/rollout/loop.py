@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from ...errors import OutputError
 from ..clock import Exposure
 from ..drivers.driver import CameraImage, CheckedDriver, Driver, EgoMotion, LidarSweep, Observation
-from ..step import answered, go_on, step
+from ..step import advance_world, enqueue_action, step
 from ..world import Action, PoseKey, World
 from .sensors import SensorSource, SimulatedSensors, capture_name, moment_of
 from .setup import Simulation, single_threaded_torch
@@ -79,7 +79,7 @@ def roll_out(
     (`SimulatedSensors`), for example `HiddenActors`. The driver is closed in every case. Raises `UnisimError`; what is finished
     stays in the folder.
     """
-    out, stage = simulation.out, simulation.stage
+    out, context = simulation.out, simulation.context
     known = read_steps(out)
     sensors = sensors or SimulatedSensors(simulation.plan, simulation.renderer, out)
     driver = CheckedDriver.started(simulation.kind, simulation.setup(), out)
@@ -92,9 +92,9 @@ def roll_out(
         raise OutputError(f"{out}: its rollout starts elsewhere; name another folder")
     delivered: Delivered = ([], [])
     # one thread renders: what it renders and when does not depend on how long the driver takes
-    rendering = ThreadPoolExecutor(1, "rendering") if stage.delay_us > 0 else None
+    rendering = ThreadPoolExecutor(1, "rendering") if context.delay_us > 0 else None
     try:
-        while world.time_us < stage.stop_us:
+        while world.time_us < context.stop_us:
             traffic = world.traffic if simulation.kind.privileged else None
             images, sweeps = delivered
             motion = (EgoMotion(world.time_us, world.ego),)
@@ -102,20 +102,20 @@ def roll_out(
             done = known[len(steps)] if len(steps) < len(known) else None
             if rendering is None:
                 action = driver.drive(seen) if done is None else _again(driver, seen, done)
-                before, world = world, step(world, action, stage)
+                before, world = world, step(world, action, context)
                 delivered = _delivered(simulation, sensors, before, world, done)
             else:  # the answer is not needed until later: the next exposures are decided already
-                before, world = world, go_on(world, stage)
+                before, world = world, advance_world(world, context)
                 waiting = rendering.submit(_delivered, simulation, sensors, before, world, done)
                 try:
                     action = driver.drive(seen) if done is None else _again(driver, seen, done)
                 finally:
                     wait([waiting])
                 delivered = waiting.result()
-                world = answered(world, action, before.time_us, stage)
+                world = enqueue_action(world, action, before.time_us, context)
             history.note(world)
             if done is None:
-                ended = stage.ended(before.time_us, world.time_us)
+                ended = context.ended(before.time_us, world.time_us)
                 done = RolloutStep.of(world, action, names_of(simulation, ended), sensors.unsupported)
                 append_step(out, done)
             elif done.ego != world.ego:
@@ -140,8 +140,8 @@ def _delivered(
     simulation: Simulation, sensors: SensorSource, before: World, world: World, done: RolloutStep | None
 ) -> Delivered:
     """Return what sensors deliver of a step: rendered, or from the files of an earlier run."""
-    ended = simulation.stage.ended(before.time_us, world.time_us)
-    drive = simulation.stage.drive
+    ended = simulation.context.ended(before.time_us, world.time_us)
+    drive = simulation.context.drive
     if ended:
         drive = simulation.scenario_drive.drive_at(world, min(exposure.start_us for exposure in ended))
     return sensors.render(drive, ended) if done is None else sensors.read(drive, ended)
@@ -149,6 +149,6 @@ def _delivered(
 
 def names_of(simulation: Simulation, exposures: Iterable[Exposure]) -> tuple[str, ...]:
     """Return the names of exposures' captures: "camera/front_camera/t0000001050000us"."""
-    drive = simulation.stage.drive
+    drive = simulation.context.drive
     captures = [exposure.capture for exposure in exposures]
     return tuple(f"{capture_name(drive, capture)[0]}/{moment_of(drive, capture).name}" for capture in captures)

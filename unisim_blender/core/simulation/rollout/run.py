@@ -21,20 +21,20 @@ from ...scenario.time_range import Outside
 from ...scenario.times import actors_outside
 from ...scenario.types import Scenario
 from ...sequence.run import RenderReport, render_sequence
-from ...world.captures import SECOND_US, CaptureKey
+from ...world.captures import SECOND_US
 from ..drivers import Endpoint, driver_named
 from ..edits import edits_of
 from ..world import World, recorded_keys
 from .loop import Rollout, roll_out
 from .score import SCORES_NAME, scores_of
-from .setup import OpenedScenario, Simulation, note, open_scenario
+from .setup import OpenedScenario, Simulation, note_scenario, open_scenario
 from .steps import SCENARIO_NAME
 
 
 def driven_scenario(simulation: Simulation, rollout: Rollout) -> Scenario:
     """Return the scenario of what was driven: the simulated one, with the trajectories that resulted and the captures' times."""
-    stage, base = simulation.stage, simulation.scenario
-    drive, before = simulation.scenario_drive.base, stage.drive.world_from_ego
+    context, base = simulation.context, simulation.scenario
+    drive, before = simulation.scenario_drive.base, context.drive.world_from_ego
     ego = rollout.ego_keys
     if ego and ego[0].time_s > before.times_s[0] and _starts_on_log(simulation):
         ego = (*recorded_keys(before, None, ego[0].time_s), *ego)
@@ -47,7 +47,7 @@ def driven_scenario(simulation: Simulation, rollout: Rollout) -> Scenario:
     # where the vehicle goes is told to the end
     outside = Outside(actors_outside(base), "continue") if ego else base.outside
     times: dict[str, list[float]] = {}
-    for exposure in stage.exposures:
+    for exposure in context.exposures:
         times.setdefault(exposure.capture.sensor_id, []).append(exposure.capture.time_us / SECOND_US)
     assert base.sensors is not None
     sensors = Sensors(
@@ -66,19 +66,14 @@ def _starts_on_log(simulation: Simulation) -> bool:
     return jitter is None or not any((jitter.ego_along_m, jitter.ego_aside_m, jitter.ego_yaw_deg, jitter.ego_speed_m_s))
 
 
-def finish(
-    simulation: Simulation,
-    rollout: Rollout,
-    options: RenderOptions,
-    on_moment: Callable[[CaptureKey], object] = lambda key: None,
-) -> RenderReport:
+def finish(simulation: Simulation, rollout: Rollout, options: RenderOptions) -> RenderReport:
     """Write a rollout's scenario and make its folder the rendering of that scenario. What it rendered anew was not what the
     driver saw: there is none, unless files of the folder were changed."""
     scenario = driven_scenario(simulation, rollout)
     save_scenario(scenario, scenario.path)
     options = replace(options, frames=None, times=None, sensors=None, scene=None)
     plan, _ = plan_scenario(scenario.path, options, simulation.scenes)
-    return render_sequence(plan, simulation.out, jobs=1, resume=True, on_moment=on_moment)
+    return render_sequence(plan, simulation.out, jobs=1, resume=True)
 
 
 Write = Callable[[Path], object]
@@ -152,7 +147,7 @@ class Seeds:
     def _simulation(self, opened: OpenedScenario, seed: int) -> Simulation:
         out = self.out / f"seed-{seed}"
         simulation = opened.simulation(replace(self.asked, seed=seed), driver_named(self.driver, self.endpoint), out)
-        note(simulation.scenario, out, self.resume)
+        note_scenario(simulation.scenario, out, self.resume)
         return simulation
 
 

@@ -14,8 +14,7 @@ from ...world.captures import SECOND_US
 from ..scores.off_road import Occupied, RoadTest, in_corridor
 from ..scores.record import PlanRecord, Record
 from ..scores.summary import summarise
-from ..states import ActorState, EgoState, Footprint
-from ..step import actor_footprint
+from ..states import ActorState, EgoState, Footprint, actor_footprint
 from ..vehicle.actions import Plan
 from ..vehicle.parameters import footprint_of
 from .loop import Rollout
@@ -36,20 +35,20 @@ def scores_of(simulation: Simulation, rollout: Rollout) -> dict[str, Any]:
         "driver": simulation.kind.name,
         "privileged": simulation.kind.privileged,
         "seed": simulation.spec.seed or 0,
-        "delay_s": simulation.stage.delay_us / 1e6,
-        "step_s": simulation.stage.step_us / 1e6,
+        "delay_s": simulation.context.delay_us / 1e6,
+        "step_s": simulation.context.step_us / 1e6,
     }
     return head | scores
 
 
 def record_of(simulation: Simulation, rollout: Rollout) -> Record:
     """Return a rollout as scores read it."""
-    stage, steps = simulation.stage, rollout.steps
-    drive, vehicle = stage.drive, stage.vehicle
+    context, steps = simulation.context, rollout.steps
+    drive, vehicle = context.drive, context.vehicle
     plans = [
-        PlanRecord(before.time_us, step.action.times_us, _poses(step.action))
+        PlanRecord(before.time_us, plan.times_us, np.stack([plan.x_m, plan.y_m, plan.heading_rad], -1))
         for before, step in zip(steps, steps[1:], strict=False)
-        if isinstance(step.action, Plan)
+        if isinstance(plan := step.action, Plan)
     ]
     actors = [actor for actor in drive.actors.values() if not actor.is_ego_body]
     return Record(
@@ -75,7 +74,7 @@ def occupancy_of(simulation: Simulation) -> Occupied:
 
     Short rays along the world's x and y begin before the point and end within `MATTER_M` there. Actors are no part of it.
     """
-    renderer, time_s = simulation.renderer, simulation.stage.start_us / SECOND_US
+    renderer, time_s = simulation.renderer, simulation.context.start_us / SECOND_US
     state = simulation.plan.captures.states.state(time_s, time_s).restricted(())
 
     def occupied(points: FloatArray) -> BoolArray:
@@ -108,24 +107,21 @@ def labelled_road(simulation: Simulation, record: Record) -> RoadTest | None:
 
 def _on_ground(simulation: Simulation, states: list[EgoState]) -> FloatArray:
     """Poses (T, 4, 4) of the ground beneath the middle of the rear axle."""
-    stage = simulation.stage
-    poses = stage.poses_of(states) @ stage.vehicle.ego_from_axle
-    above = stage.heights(poses[:, :3, 3])
+    context = simulation.context
+    poses = context.poses_of(states) @ context.vehicle.ego_from_axle
+    above = context.heights(poses[:, :3, 3])
     poses[:, 2, 3] -= np.where(np.isfinite(above), above, 0.0)
     return poses
 
 
-def _poses(plan: Plan) -> FloatArray:
-    return np.stack([plan.x_m, plan.y_m, plan.heading_rad], -1)
-
-
 def footprints_at(simulation: Simulation, step: RolloutStep) -> tuple[Footprint, ...]:
     """Return the footprints of all actors that are present at a step."""
-    stage = simulation.stage
+    context = simulation.context
     moving = [
-        actor_footprint(stage.drive.actors[uid], ActorState(**_as_state(values))) for uid, values in step.actors.items()
+        actor_footprint(context.drive.actors[uid], ActorState(**_as_state(values)))
+        for uid, values in step.actors.items()
     ]
-    return (*moving, *stage.standing)
+    return (*moving, *context.standing)
 
 
 def _as_state(values: dict[str, Any]) -> dict[str, Any]:

@@ -35,7 +35,7 @@ from ..edits import ScenarioDrive, without_driven
 from ..step import SimulationContext, recorded_ego, start
 from ..vehicle.ground import axle_height
 from ..world import World
-from .staging import base_scenario, drawn_ego, heights_at, span_us, stage_of
+from .staging import base_scenario, context_of, drawn_ego, heights_at, span_us
 from .steps import BASE_NAME
 
 
@@ -53,7 +53,7 @@ def single_threaded_torch() -> Iterator[None]:
 
 
 ROUTE_M = 1.0
-"""Points of the route are so far apart."""
+"""Spacing of the route's points."""
 HISTORY_US = 2 * SECOND_US
 BEYOND = 50
 """Number of route points beyond the recording's end, straight on."""
@@ -61,12 +61,12 @@ BEYOND = 50
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """Inputs of a rollout: its ``stage``, the drive that it moves, how captures are rendered, and the world at the
+    """Inputs of a rollout: its ``context``, the drive that it moves, how captures are rendered, and the world at the
     start. ``scenario`` is what it begins with."""
 
     scenario: Scenario
     spec: SimulationSpec
-    stage: SimulationContext
+    context: SimulationContext
     scenario_drive: ScenarioDrive
     plan: RenderPlan
     renderer: Renderer
@@ -82,25 +82,25 @@ class Simulation:
 
     def setup(self) -> DriverSetup:
         """Return what a driver is told before it drives."""
-        stage = self.stage
+        context = self.context
         sensors = {}
-        drive = stage.drive
+        drive = context.drive
         mid_s = drive.time_s[drive.frames[len(drive.frames) // 2]]
-        axle_from_world = invert_pose(drive.world_from_ego.at(mid_s) @ stage.vehicle.ego_from_axle)
+        axle_from_world = invert_pose(drive.world_from_ego.at(mid_s) @ context.vehicle.ego_from_axle)
         for name, camera in drive.cameras.items():
             model = camera.model if self.plan.settings.width is None else camera.resized(self.plan.settings.width).model
             sensors[name] = SensorSetup(model, axle_from_world @ camera.world_from_camera.at(mid_s))
         for name, lidar in drive.lidars.items():
             sensors[name] = SensorSetup(lidar.model, axle_from_world @ lidar.world_from_lidar.at(mid_s))
-        recording = stage.recording if self.kind.privileged else None
+        recording = context.recording if self.kind.privileged else None
         seed = self.spec.seed or 0
-        height_m = axle_height(drive.world_from_ego.at(stage.start_us / SECOND_US), stage.vehicle, stage.heights)
+        height_m = axle_height(drive.world_from_ego.at(context.start_us / SECOND_US), context.vehicle, context.heights)
         return DriverSetup(
-            stage.vehicle,
+            context.vehicle,
             sensors,
-            route_of(stage),
-            stage.step_us,
-            stage.delay_us,
+            route_of(context),
+            context.step_us,
+            context.delay_us,
             seed,
             height_m,
             self._history(),
@@ -109,18 +109,18 @@ class Simulation:
 
     def _history(self) -> tuple[EgoMotion, ...]:
         """Return the recorded states before the start, where the vehicle starts as it was recorded."""
-        stage = self.stage
-        if self.begin.ego != recorded_ego(stage, stage.start_us):
+        context = self.context
+        if self.begin.ego != recorded_ego(context, context.start_us):
             return ()
-        first_us = round(stage.drive.time_s[stage.drive.frames[0]] * SECOND_US)
-        back = min(stage.start_us - first_us, HISTORY_US) // stage.step_us
-        times = [stage.start_us - k * stage.step_us for k in range(back, 0, -1)]
-        return tuple(EgoMotion(time_us, recorded_ego(stage, time_us)) for time_us in times)
+        first_us = round(context.drive.time_s[context.drive.frames[0]] * SECOND_US)
+        back = min(context.start_us - first_us, HISTORY_US) // context.step_us
+        times = [context.start_us - k * context.step_us for k in range(back, 0, -1)]
+        return tuple(EgoMotion(time_us, recorded_ego(context, time_us)) for time_us in times)
 
 
-def route_of(stage: SimulationContext) -> FloatArray:
+def route_of(context: SimulationContext) -> FloatArray:
     """Return points (P, 2) along the recorded path of the rear axle, about `ROUTE_M` apart, carried on straight."""
-    trajectory, axle = stage.drive.world_from_ego, np.array([*stage.vehicle.rear_axle_m, 1.0])
+    trajectory, axle = context.drive.world_from_ego, np.array([*context.vehicle.rear_axle_m, 1.0])
     places = (trajectory.poses @ axle)[:, :2]
     points = places[spaced(places, ROUTE_M)]
     pose = trajectory.poses[-1]
@@ -176,11 +176,11 @@ class OpenedScenario:
             )
         place = f"{self.scenario.path}: simulation"
         heights = heights_at(self.renderer, self.plan.captures, start_us)
-        stage = stage_of(drive, place, spec, kind, heights, self.classes, start_us, stop_us)
-        begin = start(stage, kind.drives, drawn_ego(stage, spec) if kind.drives else None)
+        context = context_of(drive, place, spec, kind, heights, self.classes, start_us, stop_us)
+        begin = start(context, kind.drives, drawn_ego(context, spec) if kind.drives else None)
         plan = replace(self.plan, drive=drive)
         return Simulation(
-            base, spec, stage, scenario_drive, plan, self.renderer, begin, kind, out, self.classes, self.scenes,
+            base, spec, context, scenario_drive, plan, self.renderer, begin, kind, out, self.classes, self.scenes,
             lambda: self.road,
         )  # fmt: skip
 
@@ -232,7 +232,7 @@ def open_simulation(
     Raises `UnisimError`; `OutputError` where ``out`` is not empty and ``resume`` is not set, or holds something else.
     """
     simulation = open_scenario(source, options, load).simulation(asked, kind, out)
-    note(simulation.scenario, out, resume)
+    note_scenario(simulation.scenario, out, resume)
     return simulation
 
 
@@ -246,7 +246,7 @@ def merged(scenario: Scenario, asked: SimulationSpec) -> SimulationSpec:
     return spec
 
 
-def note(scenario: Scenario, out: Path, resume: bool) -> None:
+def note_scenario(scenario: Scenario, out: Path, resume: bool) -> None:
     """Write the scenario that is simulated into folder ``out``, or check that it is the one of the rollout that is resumed.
     Raises `OutputError`."""
     path = out / BASE_NAME

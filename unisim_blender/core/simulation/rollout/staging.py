@@ -41,7 +41,7 @@ from .steps import BASE_NAME
 STEP_S = 0.1
 
 
-def stage_of(
+def context_of(
     drive: Drive,
     place: str,
     spec: SimulationSpec,
@@ -170,7 +170,7 @@ def _models(drive: Drive, spec: SimulationSpec, place: str) -> dict[str, ActorMo
     return models
 
 
-def drawn_ego(stage: SimulationContext, spec: SimulationSpec) -> EgoState | None:
+def drawn_ego(context: SimulationContext, spec: SimulationSpec) -> EgoState | None:
     """Return where the ego vehicle starts; None for where it was recorded."""
     jitter = spec.jitter
     limits = () if jitter is None else (
@@ -180,7 +180,7 @@ def drawn_ego(stage: SimulationContext, spec: SimulationSpec) -> EgoState | None
         return None
     draws = generator(spec.seed or 0, "ego").uniform(-1.0, 1.0, 4)
     along, aside, yaw, speed = (float(draw) * (limit or 0.0) for draw, limit in zip(draws, limits, strict=True))
-    ego = recorded_ego(stage, stage.start_us)
+    ego = recorded_ego(context, context.start_us)
     c, s = math.cos(ego.heading_rad), math.sin(ego.heading_rad)
     return replace(
         ego,

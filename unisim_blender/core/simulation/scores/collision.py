@@ -21,7 +21,7 @@ BEHIND_RAD = math.radians(150)
 """Beyond this angle from the ego's heading, seen from its rear axle, an actor is behind (nuPlan's
 `is_agent_behind`)."""
 BUMPER_M = 0.02
-"""So near to a bumper's line the other box meets it: in a turn the time of first contact is that exact
+"""Distance from a bumper's line within which the other box meets it: in a turn the time of first contact is that exact
 (`first_contacts`)."""
 NO_ACTOR = "no other actor was present"
 SIDE_COLLISION_RULE = "lanes_in_side_collisions"

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...geometry import BoolArray, FloatArray, transform_points
 from ...world.polyline import Polyline
-from ..footprints import box_corners
+from ..footprints import footprint_corners
 from .record import Record, RecordError
 
 RoadTest = Callable[[FloatArray], BoolArray]
@@ -46,7 +46,7 @@ def off_road(record: Record, on_road: RoadTest | None = None, corridor_width_m: 
     path of the log's ego or of one of `Record.recorded_paths`: a stand-in that knows no more than where somebody
     drove. Raises `RecordError` where ``on_road`` answers anything but one truth value for each point.
     """
-    corners = box_corners(record.ego_boxes).reshape(-1, 2)
+    corners = footprint_corners(record.ego_boxes).reshape(-1, 2)
     if on_road is not None:
         inside = np.asarray(on_road(corners))
         if inside.shape != (len(corners),) or inside.dtype != np.bool_:
@@ -62,9 +62,9 @@ def off_road(record: Record, on_road: RoadTest | None = None, corridor_width_m: 
     )
 
 
-def in_corridor(record: Record, points: FloatArray, corridor_width_m: float = CORRIDOR_M) -> BoolArray:
-    """Return which points (N, 2) are in the corridor of the recorded paths."""
-    return _beyond_corridor(record, points, corridor_width_m) == 0
+def in_corridor(record: Record, points: FloatArray) -> BoolArray:
+    """Return which points (N, 2) are in the corridor, `CORRIDOR_M` wide, of the recorded paths."""
+    return _beyond_corridor(record, points, CORRIDOR_M) == 0
 
 
 def _beyond_corridor(record: Record, points: FloatArray, width_m: float) -> FloatArray:
@@ -100,7 +100,7 @@ CLEARANCE_M = 0.3
 """Height above the ground below which matter is driven over, metres: road, kerbs, noise of the ground."""
 HEIGHT_M = 1.5
 LEAST_POINTS = 5
-"""Of the box's points in matter that make a collision; fewer are noise of the scene. (HUGSIM asks for 100
+"""Least number of the box's points in matter that make a collision; fewer are noise of the scene. (HUGSIM asks for 100
 Gaussians.)"""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -77,17 +78,9 @@ def summarise(
         "duration_s": float(record.times_s[-1] - record.times_s[0]),
         "actors": len(record.tracks.uids),
     }
-    scores = {name: plain(asdict(score)) for name, score in documents.items()}
+    # lists for tuples
+    scores = json.loads(json.dumps({name: asdict(score) for name, score in documents.items()}))
     return head | {"collision": _collision(crashes), "comfort": _comfort(smooth)} | scores
-
-
-def plain(value: Any) -> Any:
-    """The same with lists for tuples, as it reads back from JSON."""
-    if isinstance(value, dict):
-        return {name: plain(item) for name, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    return value
 
 
 def _collision(collisions: Collisions) -> dict[str, Any]:
@@ -119,7 +112,7 @@ def _comfort(comfort: Comfort) -> dict[str, Any]:
 UNITS = {"m_s2": "m/s²", "m_s3": "m/s³", "rad_s": "rad/s", "rad_s2": "rad/s²"}
 
 
-def table(scores: dict[str, Any]) -> str:
+def score_table(scores: dict[str, Any]) -> str:
     """Lines of text, a score each, of what `summary.summarise` returned or wrote as JSON. A score that could not be
     computed is a dash and the reason."""
     rows = [("rollout", f"{scores['steps']} steps, {scores['duration_s']:.2f} s, {scores['actors']} actors")]

@@ -71,6 +71,12 @@ class Plan:
             pose = int((self.speed_m_s < 0).argmax())
             raise SimulationError(f"plan: speed_m_s of pose {pose} must not be negative, not {self.speed_m_s[pose]:g}")
 
+    @staticmethod
+    def at_rest(time_us: int, ego: EgoState) -> Plan:
+        """Return the plan to stop where the vehicle is."""
+        heading = math.remainder(ego.heading_rad, math.tau)
+        return Plan(np.array([time_us]), np.array([ego.x_m]), np.array([ego.y_m]), np.array([heading]), np.zeros(1))
+
 
 def _near(times: NDArray[Any]) -> bool:
     return -MOST_US <= int(times.min()) and int(times.max()) <= MOST_US

@@ -19,7 +19,7 @@ from .parameters import Vehicle
 SUBSTEP_US = 10_000
 """Length of a sub-step, but for the last one."""
 HALVINGS = 64
-"""Of the time in which the vehicle stops: more do not change it."""
+"""Bisections of the time in which the vehicle stops: more do not change it."""
 
 
 def advance(state: EgoState, control: Control, vehicle: Vehicle, duration_us: int) -> EgoState:

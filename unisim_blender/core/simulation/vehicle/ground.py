@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from ...geometry import FloatArray, Trajectory, angles_from_rotation
+from ..footprints import shorter_arc
 from ..states import EgoState
 from .parameters import Attitude, Vehicle
 
@@ -63,7 +64,7 @@ class VehicleGround:
             recorded = np.stack([origins[:, 0], origins[:, 1], yaw], -1)
             standing = self._on_ground(np.concatenate([places, recorded]), np.tile(origins[:, 2], 2))
             here, there = standing[: len(states)], standing[len(states) :]
-            off = np.hypot(*(places - recorded)[:, :2].T), _wrapped(places[:, 2] - yaw)
+            off = np.hypot(*(places - recorded)[:, :2].T), shorter_arc(places[:, 2] - yaw)
             moved = ~((off[0] < SAME_M) & (np.abs(off[1]) < SAME_RAD)) & np.isfinite(here + there).all(1)
             attitudes[moved] += (here - there)[moved]
         return [Attitude(*row) for row in attitudes.tolist()]
@@ -121,11 +122,7 @@ class VehicleGround:
         along = ((places[:, None, :2] - start) * leg).sum(-1) / np.where(length > 0, length, 1.0)
         u = np.clip(along, 0.0, 1.0)
         off = start + u[..., None] * leg - places[:, None, :2]
-        turned = _wrapped(heading[:-1] + u * _wrapped(np.diff(heading)) - places[:, 2:])
+        turned = shorter_arc(heading[:-1] + u * shorter_arc(np.diff(heading)) - places[:, 2:])
         nearest = np.argmin((off**2).sum(-1) + (METRES_PER_RAD * turned) ** 2, 1)
         times, row = self.recorded.times_s, np.arange(len(places))
         return np.asarray(times[nearest] + u[row, nearest] * (times[nearest + 1] - times[nearest]))
-
-
-def _wrapped(angle_rad: FloatArray) -> FloatArray:
-    return np.asarray((angle_rad + math.pi) % (2 * math.pi) - math.pi)

@@ -248,7 +248,7 @@ MOST_HEADING_RAD = 1.0
 STANDING_M_S = 0.1
 """A plan that is slower for a second is one of standing still."""
 STANDING_M = 0.5
-"""So near to its place, a vehicle stands there."""
+"""Distance from its place within which a vehicle stands there."""
 HOLD_M_S2 = 4.0
 """How a vehicle without a plan brakes: the most that passengers of nuPlan's limits find comfortable."""
 RELEASE_S = 0.5

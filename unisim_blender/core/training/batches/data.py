@@ -30,9 +30,9 @@ from .images import ImageStore, ImageView, ImageWindow, LoadedImages, PixelBuffe
 from .sweeps import LidarBatch, SweepRef, lidar_batch, outside_boxes, ray_batch
 
 LEAST_SHOWN = 0.5
-"""Of a patch's pixels the lens shows at least so much."""
+"""Least share of a patch's pixels that the lens shows."""
 FIRST_IMAGES = 16
-"""Of each camera are read before the first step, where not all are: enough to find the recording vehicle's outline."""
+"""Images of each camera read before the first step, where not all are: enough to find the recording vehicle's outline."""
 
 
 @dataclass(frozen=True)

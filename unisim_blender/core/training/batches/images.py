@@ -24,7 +24,7 @@ EVEN = 0.4
 ERROR_DECAY = 0.8
 """How much of a block's error is still what it was after one more look."""
 FIRST_ERROR = 0.05
-"""Of a block that nobody looked at, of 1."""
+"""Error of a block that was never drawn, of 1."""
 BLOCK, MOST_BLOCKS = 8, 250_000
 """Edge in pixels at least; and how many blocks there are at most."""
 PixelBuffer = NDArray[Any]
@@ -79,7 +79,7 @@ class PixelChoice:
         return PixelDraw(self.view[block], x, y, block, even[block] / chance[block])
 
     def note(self, block: NDArray[np.int64], square: FloatArray) -> None:
-        """That pixels of these blocks (N,) had these squared errors (N,)."""
+        """Record the squared errors (N,) of pixels of these blocks (N,)."""
         seen, which, count = np.unique(block, return_inverse=True, return_counts=True)
         decay = ERROR_DECAY**count
         mean = np.bincount(which, square) / count
@@ -243,7 +243,7 @@ class ImageWindow:
 
     @property
     def nbytes(self) -> int:
-        """Of the images' memory."""
+        """Bytes of the images' memory."""
         return self._slab.nbytes
 
     def advance(self, step: int) -> None:

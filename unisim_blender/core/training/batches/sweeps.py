@@ -93,7 +93,7 @@ Mark = Callable[[FloatArray, FloatArray], VoxelEvidence]
 """Which voxels rays tell of: origins and static returns (N, 3), world frame."""
 
 RAY_BYTES = 41
-"""Of a ray in memory: origin and direction, depth and intensity as float32, its time as float64, whether it returned."""
+"""Bytes of a ray in memory: origin and direction, depth and intensity as float32, its time as float64, whether it returned."""
 MEMORY_SWEEPS, MEMORY_BYTES = 160, 1 << 30
 """Largest number of sweeps, and of bytes of their rays, that are all loaded at the start."""
 WINDOW_BYTES = 1 << 29
@@ -121,7 +121,7 @@ def all_sweeps_fit(drive: Drive, captures: Sequence[SweepRef]) -> bool:
     return len(captures) <= MEMORY_SWEEPS and len(captures) * rays * RAY_BYTES <= MEMORY_BYTES
 
 
-def spread_over(drive: Drive, captures: Sequence[SweepRef]) -> list[int]:
+def first_sweeps(drive: Drive, captures: Sequence[SweepRef]) -> list[int]:
     """Return numbers of the captures that are read before the first step: of each LiDAR evenly along the drive."""
     chosen: list[int] = []
     for name in dict.fromkeys(lidar for lidar, _ in captures):
@@ -158,14 +158,14 @@ class SweepWindow:
         self.corner = corner
         self._log, self._captures, self._mark = log, list(captures), mark
         self._actors = list(actors)
-        first = spread_over(log.drive, captures)
+        first = first_sweeps(log.drive, captures)
         self._rays = rays_at_most(log.drive, {lidar for lidar, _ in captures})
         slots = min(len(captures) + AHEAD, max(len(first) + 2 * AHEAD, limit // (RAY_BYTES * self._rays)))
         self._origins, self._directions = (np.zeros((slots, self._rays, 3), np.float32) for _ in range(2))
         self._depth_m, self._intensity = (np.zeros((slots, self._rays), np.float32) for _ in range(2))
         self._time_s = np.zeros((slots, self._rays))
         self._counts = np.zeros((slots, 2), np.int64)
-        """Of each slot: its hits, which come first, and its drops."""
+        """Rays of each slot: its hits, which come first, and its drops."""
         self._evidence: dict[int, VoxelEvidence] = {}
         self._first: dict[int, tuple[FloatArray, FloatArray] | None] = dict.fromkeys(first)
         """Static returns of the first sweeps, until they are asked for."""
@@ -179,7 +179,7 @@ class SweepWindow:
 
     @property
     def nbytes(self) -> int:
-        """Of the rays' memory."""
+        """Bytes of the rays' memory."""
         arrays = (self._origins, self._directions, self._depth_m, self._intensity, self._time_s)
         return sum(array.nbytes for array in arrays)
 

@@ -43,7 +43,7 @@ class Window:
         """By place in the order, counted on through its rounds."""
         self._worker, self._taking = ThreadPoolExecutor(1, name), Lock()
         self.slot = np.full(count, -1)
-        """Of each item, where it may be drawn from."""
+        """Slot of each item; -1 for those not read yet."""
         self.start(0)
 
     def places(self, step: int) -> range:

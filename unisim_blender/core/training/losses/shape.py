@@ -18,15 +18,15 @@ from ..batches.sweeps import LidarBatch
 from .terms import eikonal, normal_smoothness, sdf_band_loss, wrong_side
 
 _BAND_M = 0.3
-"""So far before a return the distance is between bounds that the way to it gives."""
+"""Distance before a return over which the signed distance is between bounds that the way to it gives."""
 _WALL_M, _DEEP_M = 0.3, 0.1
-"""So far behind a return the static distance is below zero: by a fifth of the way from the return, and of the last at
-most. Nearer than the last nothing is asked: among returns that scatter by centimetres it would pull the
+"""Distance behind a return over which the static distance is below zero: by a fifth of the way from the return, and of
+the last at most. Nearer than the last nothing is asked: among returns that scatter by centimetres it would pull the
 surface to the sensor."""
 _SOLID_M, _SOLID_SHARE = 0.4, 0.25
 """An actor's is as far behind a return in its box, and as far as this share of the box's shortest edge."""
 _PASSED_M, _FREE_M = 4.0, 0.02
-"""So far before it the way is free, and the distance at least this."""
+"""Distance before it over which the way is free, and the distance at least this."""
 _SHEET_M = 0.2
 """Where a ray stops before it, this far behind the stop at most is looked."""
 _SENSOR_M = 1.0

@@ -79,21 +79,20 @@ SURFACE_M, SURFACE_SHARE = 0.2, 0.04
 share is for rays that graze the road: the same sharpness is blurred there by the sine of the angle."""
 
 
-def _window(channels: int, like: Tensor, size: int = 11, sigma: float = 1.5) -> Tensor:
-    x = torch.arange(size, dtype=like.dtype, device=like.device) - size // 2
-    g = torch.exp(-x * x / (2 * sigma * sigma))
-    g = g / g.sum()
-    return (g[:, None] * g[None]).expand(channels, 1, size, size)
+SSIM_WINDOW, SSIM_SIGMA = 11, 1.5
 
 
 def ssim(a: Tensor, b: Tensor) -> Tensor:
     """Mean structural similarity of images (B, 3, H, W) in 0..1, Gaussian window of 11 with sigma 1.5
     (Wang et al., 2004)."""
-    w = _window(a.shape[1], a)
-    c = a.shape[1]
+    channels = a.shape[1]
+    x = torch.arange(SSIM_WINDOW, dtype=a.dtype, device=a.device) - SSIM_WINDOW // 2
+    g = torch.exp(-x * x / (2 * SSIM_SIGMA * SSIM_SIGMA))
+    g = g / g.sum()
+    window = (g[:, None] * g[None]).expand(channels, 1, SSIM_WINDOW, SSIM_WINDOW)
 
     def blur(x: Tensor) -> Tensor:
-        return F.conv2d(x, w, groups=c)
+        return F.conv2d(x, window, groups=channels)
 
     ma, mb = blur(a), blur(b)
     va, vb, cov = blur(a * a) - ma * ma, blur(b * b) - mb * mb, blur(a * b) - ma * mb
@@ -132,10 +131,12 @@ def as_shown(image: Tensor, shown: Tensor | None) -> Tensor:
     return image if shown is None else image * shown
 
 
-def lidar_terms(
-    traced: SegmentTrace, batch: LidarBatch, inside: Tensor, keep: float = 0.95
-) -> tuple[dict[str, Tensor], Tensor]:
-    """Depth and free-space terms of LiDAR rays, and which rays (N,) are among the best ``keep`` of those that returned.
+KEEP = 0.95
+"""Share of the rays that returned whose depth counts: the largest errors are left out."""
+
+
+def lidar_terms(traced: SegmentTrace, batch: LidarBatch, inside: Tensor) -> tuple[dict[str, Tensor], Tensor]:
+    """Depth and free-space terms of LiDAR rays, and which rays (N,) are among the best `KEEP` of those that returned.
 
     The depth term is the expected error of a ray that stops at random, not the error of the expected depth: with that,
     a surface moves towards the sensor to make up for what leaks through it. It leaves out the rays with the largest
@@ -145,7 +146,7 @@ def lidar_terms(
     near = batch.returned & inside
     miss = expected_error(traced, batch.depth_m)
     with torch.no_grad():
-        limit = torch.quantile(miss[near], keep) if bool(near.any()) else miss.new_zeros(())
+        limit = torch.quantile(miss[near], KEEP) if bool(near.any()) else miss.new_zeros(())
         good = near & (miss <= limit)
     depth = miss[good].sum() / good.sum().clamp_min(1)
     # whatever returned a beam is there, also where the depth is among the worst
@@ -285,7 +286,7 @@ class Adversary:
         self.optimiser.load_state_dict({"state": steps, "param_groups": groups})
 
 
-def shifted(patch: PatchBatch, generator: torch.Generator, reach_m: float = SHIFT_M) -> PatchBatch:
+def shifted_patches(patch: PatchBatch, generator: torch.Generator, reach_m: float = SHIFT_M) -> PatchBatch:
     """The same patches seen from origins moved sideways, each patch by its own random distance up to ``reach_m``."""
     patches = len(patch.camera)
     device = patch.rays.origins.device

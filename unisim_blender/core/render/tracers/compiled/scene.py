@@ -47,7 +47,7 @@ from ....model.shapes import (
     stored_voxels,
 )
 from ....model.volume import Volume
-from ....ops.constants import CLEARANCE_M, DECAY_PER_M, GROUND_CELL_M, GROUND_LIGHT_RADIUS_M
+from ....ops.constants import DECAY_PER_M, GROUND_CELL_M, GROUND_CLEARANCE_M, GROUND_LIGHT_RADIUS_M
 from ....ops.grid_shape import GridArrays, GridShape
 from .decoder import Decoder
 from .structs import FieldStruct, SceneStruct, address, doubles, floats
@@ -55,7 +55,7 @@ from .structs import FieldStruct, SceneStruct, address, doubles, floats
 BOX_CELLS = 16
 CELLS_VERSION = 10
 """Of how the kernels compute cells: to be raised with the kernels' ABI_VERSION where that changes them."""
-MOST_KEPT = 64
+MAX_CACHED_SCENES = 64
 """Largest number of scenes whose cells stay in the cache folder."""
 
 
@@ -86,13 +86,13 @@ def to_store(cells: VoxelCells, header: SceneHeader) -> dict[str, NDArray[Any]]:
     }
 
 
-def kept(header: SceneHeader, voxels: int, work_out: Callable[[], VoxelCells]) -> VoxelCells:
+def cached_cells(header: SceneHeader, voxels: int, work_out: Callable[[], VoxelCells]) -> VoxelCells:
     """The cells from the user's cache folder, where they are left if they are not there and it can be written."""
-    told = [_key(header).hex(), weights_hash(header.path), _library_hash(), native.variant()]
-    file = cache_folder() / "cells" / f"{hashlib.sha256(' '.join(told).encode()).hexdigest()}.npz"
+    identity = [_key(header).hex(), weights_hash(header.path), _library_hash(), native.variant()]
+    file = cache_folder() / "cells" / f"{hashlib.sha256(' '.join(identity).encode()).hexdigest()}.npz"
     with suppress(OutputError, KeyError):
-        found = read_arrays(file, OutputError)
-        cells = VoxelCells(found["kinds"], found["boxes"])
+        arrays = read_arrays(file, OutputError)
+        cells = VoxelCells(arrays["kinds"], arrays["boxes"])
         shapes = (voxels,), (len(header.drive.actors), *(BOX_CELLS,) * 3)
         if (
             (cells.kinds.shape, cells.boxes.shape) == shapes
@@ -104,7 +104,7 @@ def kept(header: SceneHeader, voxels: int, work_out: Callable[[], VoxelCells]) -
     with suppress(OutputError, OSError):
         with partial_file(file) as temporary, temporary.open("wb") as stream:
             np.savez(stream, **cells._asdict())
-        for old in sorted(file.parent.glob("*.npz"), key=lambda path: path.stat().st_mtime)[:-MOST_KEPT]:
+        for old in sorted(file.parent.glob("*.npz"), key=lambda path: path.stat().st_mtime)[:-MAX_CACHED_SCENES]:
             old.unlink(missing_ok=True)
     return cells
 
@@ -112,8 +112,8 @@ def kept(header: SceneHeader, voxels: int, work_out: Callable[[], VoxelCells]) -
 def _key(header: SceneHeader) -> bytes:
     """A digest of what the cells depend on besides the weights and the instruction set."""
     sizes = [header.drive.actors[uid].size_m.tolist() for uid in sorted(header.drive.actors)]
-    told = json.dumps([CELLS_VERSION, header.model, header.volume, sizes], sort_keys=True)
-    return hashlib.sha256(told.encode()).digest()
+    identity = json.dumps([CELLS_VERSION, header.model, header.volume, sizes], sort_keys=True)
+    return hashlib.sha256(identity.encode()).digest()
 
 
 @functools.cache
@@ -122,13 +122,17 @@ def _library_hash() -> str:
     return "" if library is None else sha256_of_file(Path(library._name))
 
 
-TAKEN = {"density": ("logistic", "unisim"), "colour": ("decoded",), "actors": ("hypernetwork", "tables")}
+SUPPORTED_VALUES = {"density": ("logistic", "unisim"), "colour": ("decoded",), "actors": ("hypernetwork", "tables")}
 """Values that the kernels know."""
 
 
 def not_taken(config: ModelConfig) -> str:
     """The values of a configuration that the kernels do not know, in words; "" where they know them all."""
-    return " and ".join(f"{name} {value!r}" for name in TAKEN if (value := getattr(config, name)) not in TAKEN[name])
+    return " and ".join(
+        f"{name} {value!r}"
+        for name in SUPPORTED_VALUES
+        if (value := getattr(config, name)) not in SUPPORTED_VALUES[name]
+    )
 
 
 MAX_BETA = 1e4
@@ -167,7 +171,7 @@ class CompiledScene:
         weights.check_shapes(shapes)
         if new is None:
             check_belongs(self.header)
-        self._kept: list[Any] = []
+        self._alive: list[Any] = []
         voxel_shapes = stored_voxels(config, size)
         shape, ground = voxel_shapes["occupancy.values"], shapes["ground.heights"]
         voxels = self._voxels = self._keep(weights.voxels("occupancy.values", shape))
@@ -199,7 +203,7 @@ class CompiledScene:
             ground=address(self._ground),
             ground_shape=(ctypes.c_int32 * 2)(*ground),
             ground_m=GROUND_CELL_M,
-            ground_clearance_m=CLEARANCE_M,
+            ground_clearance_m=GROUND_CLEARANCE_M,
             light=light,
             light_home=address(home),
             light_reach_m=GROUND_LIGHT_RADIUS_M,
@@ -213,7 +217,9 @@ class CompiledScene:
         if new is not None:
             self.cells = work_out()
         else:
-            self.cells = stored(weights, self.header, len(occupied)) or kept(self.header, len(occupied), work_out)
+            self.cells = stored(weights, self.header, len(occupied)) or cached_cells(
+                self.header, len(occupied), work_out
+            )
         cells, box_cells = self._keep(np.zeros(shape, np.uint16)), self._keep(np.ascontiguousarray(self.cells.boxes))
         cells.reshape(-1)[occupied] = self.cells.kinds
         self._cells = cells
@@ -271,7 +277,7 @@ class CompiledScene:
         return outside | (self.observed[cell[:, 0], cell[:, 1], cell[:, 2]] > 0)
 
     def _keep(self, array: Any) -> Any:
-        self._kept.append(array)
+        self._alive.append(array)
         return array
 
     def _array(self, name: str) -> NDArray[Any]:

@@ -24,8 +24,18 @@ from ....sensors.rays import Rays, sound_directions
 from ....world.drive import Actor, Box
 from ....world.replay import PaddedKeys, WorldState
 from ...observed_space import Observed, ObservedSpace
-from ...quality import QUALITY, Quality
-from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, ActiveActors, Array, Maps, TraceResult, active_actors, tiled
+from ...quality import QUALITIES, Quality
+from ...tracer import (
+    FOREIGN_EDGE_CELLS,
+    NEAR_M,
+    UNIFORM_STEP_M,
+    ActiveActors,
+    Array,
+    Maps,
+    TraceResult,
+    active_actors,
+    tiled,
+)
 from .decoder import extended_over_edges, resized, sigmoid
 from .scene import CompiledScene
 from .structs import (
@@ -92,30 +102,30 @@ class CompiledActors:
         candidates = [boxes.bounds.in_reach(rays) for boxes in self.actor_sets]
         pairs = [boxes.struct(some) for boxes, some in zip(self.actor_sets, candidates, strict=True)]
         actor_sets = (ActorSetStruct * len(pairs))(*(pair[0] for pair in pairs))
-        kept: list[Any] = [actor_sets, *(pair[1] for pair in pairs)]
+        referenced: list[Any] = [actor_sets, *(pair[1] for pair in pairs)]
         copies = None
         if self.copies is not None:
             copy, numbers = self.copies.struct(range(self.copies.count))
             copies = ctypes.pointer(copy)
-            kept += [copy, numbers]
+            referenced += [copy, numbers]
         skipped = sum(boxes.count for boxes in self.actor_sets) - sum(map(len, candidates))
         struct = ActiveActorsStruct(
             actor_sets, len(pairs), copies, address(self._sources), len(self._removals), address(self._removals),
             address(self._removal_sizes),
         )  # fmt: skip
-        return struct, kept, skipped
+        return struct, referenced, skipped
 
 
 CHUNK_RAYS = 1 << 18
 """Rays per call of the kernel: between two calls Python can be interrupted."""
-EVERY = 16
+STATS_RAY_STRIDE = 16
 """One in so many rays is used to estimate how many samples were saved."""
 STEP_GROWTH_PER_M = 0.02
 """Growth of the march's longest step per metre of distance, relative: what is far away is small in the image."""
 MIN_SLOPE = 0.2
 """Behind a surface the distance is taken to fall by at least this much per metre."""
 MIN_STEP_M = 0.01
-SPLIT_WEIGHT = 0.2
+MIN_SPLIT_WEIGHT = 0.2
 """Intervals of a smaller weight are not halved."""
 
 
@@ -128,7 +138,7 @@ class CompiledBackend:
     def __init__(
         self,
         scene: CompiledScene,
-        quality: Quality = QUALITY["balanced"],
+        quality: Quality = QUALITIES["balanced"],
         others: Mapping[str, CompiledScene] | None = None,
     ) -> None:
         self.scene, self.others = scene, dict(others or {})
@@ -176,7 +186,7 @@ class CompiledTracer:
         self.upsample, self.trained_width = scene.config.upsample, scene.header.training.get("width")
         # decoders that use neighbouring cells look past a foreign actor's edges
         alone = all(s.decoder.reach == 0 and s.config.upsample == 1 for s in (scene, *self._foreign))
-        self._edge = 0 if alone else EDGE_CELLS
+        self._edge = 0 if alone else FOREIGN_EDGE_CELLS
         self.reach = scene.decoder.reach + (self._edge if self._foreign else 0)
 
     def trace(
@@ -188,13 +198,13 @@ class CompiledTracer:
         listed, flat = rays.time_s.ndim < 2, rays.flat().sound()
         rays = Rays(doubles(flat.origins), doubles(flat.directions), doubles(flat.time_s))
         n, features = len(rays.time_s), self.scene.config.features
-        found = TraceResult(np.empty((n, features), np.float32), np.empty(n, np.float32), np.empty(n, np.float32), {})
-        found.foreign_features = [np.empty((n, foreign.config.features), np.float32) for foreign in self._foreign]
-        found.foreign_opacity = [np.empty(n, np.float32) for _ in self._foreign]
+        traced = TraceResult(np.empty((n, features), np.float32), np.empty(n, np.float32), np.empty(n, np.float32), {})
+        traced.foreign_features = [np.empty((n, foreign.config.features), np.float32) for foreign in self._foreign]
+        traced.foreign_opacity = [np.empty(n, np.float32) for _ in self._foreign]
         if mesh_hits is not None or self._foreign:
-            found.without_foreign = np.empty_like(found.feature)
+            traced.without_foreign = np.empty_like(traced.feature)
         if mesh_hits is not None:
-            found.mesh_opacity = np.empty(n, np.float32)
+            traced.mesh_opacity = np.empty(n, np.float32)
         starts = self.space.starts(flat) if self.space is not None and self.clipped else None
         maps: Maps = {}
         if passes & {"depth", "unsupported"}:
@@ -207,19 +217,19 @@ class CompiledTracer:
             part = order[begin : begin + CHUNK_RAYS]
             at = slice(begin, begin + CHUNK_RAYS) if listed else part
             some = Rays(rays.origins[at], rays.directions[at], rays.time_s[at])
-            self._run(rays, part, some, sky, mesh_hits, found, maps, stats, starts)
-        solid = found.opacity > 0.5
+            self._run(rays, part, some, sky, mesh_hits, traced, maps, stats, starts)
+        solid = traced.opacity > 0.5
         if "depth" in maps:
             maps["depth"][~solid] = np.inf
         if "opacity" in passes:
-            maps["opacity"] = found.opacity
+            maps["opacity"] = traced.opacity
         if self.space is not None and "unsupported" in passes:
             maps["unsupported"] = ~self.space.supported(flat, maps["depth"], maps["instance"], self.clipped)
         elif "unsupported" in passes:
             ends = rays.origins + rays.directions * np.nan_to_num(maps["depth"], posinf=1e6)[:, None].astype(np.float64)
             maps["unsupported"] = ~(self.scene.supported(ends) | (maps["instance"] > 0))
-        found.maps = {name: values for name, values in maps.items() if name in passes}
-        return found
+        traced.maps = {name: values for name, values in maps.items() if name in passes}
+        return traced
 
     def _run(
         self,
@@ -228,26 +238,26 @@ class CompiledTracer:
         some: Rays,
         sky: bool,
         mesh_hits: MeshHits | None,
-        found: TraceResult,
+        traced: TraceResult,
         maps: Maps,
         stats: RenderStats,
         starts: Array | None = None,
     ) -> None:
-        """Trace the rays of these numbers, which are ``some``, into the arrays of ``found`` and ``maps``."""
+        """Trace the rays of these numbers, which are ``some``, into the arrays of ``traced`` and ``maps``."""
         library = native.library()
         assert library is not None
         struct = RaysStruct(len(order), *map(address, (rays.origins, rays.directions, rays.time_s, order, starts)))
-        active, _kept, skipped = self._compiled_actors.struct(some)
+        active, _referenced, skipped = self._compiled_actors.struct(some)
         meshes = None if mesh_hits is None else _MeshHitArrays(mesh_hits)
         samples = np.zeros(1, np.int64)
         foreign = len(self._foreign)
         out = TraceResultStruct(
-            *map(address, (found.feature, found.depth_m, found.opacity)),
+            *map(address, (traced.feature, traced.depth_m, traced.opacity)),
             *(address(maps.get(name)) for name in ("depth", "instance", "normal")),
-            address(found.without_foreign),
-            ctypes.addressof(features := (ctypes.c_void_p * foreign)(*map(address, found.foreign_features))),
-            ctypes.addressof(opacities := (ctypes.c_void_p * foreign)(*map(address, found.foreign_opacity))),
-            address(found.mesh_opacity),
+            address(traced.without_foreign),
+            ctypes.addressof(features := (ctypes.c_void_p * foreign)(*map(address, traced.foreign_features))),
+            ctypes.addressof(opacities := (ctypes.c_void_p * foreign)(*map(address, traced.foreign_opacity))),
+            address(traced.mesh_opacity),
             address(samples),
         )
         scene = self.scene.observed_struct if self.clipped else self.scene.struct
@@ -276,20 +286,20 @@ class CompiledTracer:
             background=1,
             sky=int(sky), stride_m=q.stride_m, step_growth_per_m=STEP_GROWTH_PER_M, relaxation=q.relaxation,
             min_slope=MIN_SLOPE,
-            min_step_m=MIN_STEP_M, splits=q.splits, split_weight=SPLIT_WEIGHT,
+            min_step_m=MIN_STEP_M, splits=q.splits, split_weight=MIN_SPLIT_WEIGHT,
         )  # fmt: skip
 
     def _uniform(self, rays: Rays) -> int:
         """Estimate how many samples even steps through the volume would take, from some of the rays."""
-        rays = Rays(*(x[::EVERY] for x in (rays.origins, rays.directions, rays.time_s)))
+        rays = Rays(*(x[::STATS_RAY_STRIDE] for x in (rays.origins, rays.directions, rays.time_s)))
         o = self.scene.into_volume(rays.origins)
         d = self.scene.into_volume(rays.directions) - self.scene.into_volume(np.zeros((1, 3)))
         safe = np.where(np.abs(d) < 1e-9, 1e-9, d)
         a, b = -o / safe, (self.scene.volume.size_m - o) / safe
         near, far = np.minimum(a, b).max(1).clip(NEAR_M), np.maximum(a, b).min(1)
-        return EVERY * int(np.ceil(np.maximum(far - near, 0) / UNIFORM_STEP_M).sum())
+        return STATS_RAY_STRIDE * int(np.ceil(np.maximum(far - near, 0) / UNIFORM_STEP_M).sum())
 
-    def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+    def image(self, traced: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """See `tracer.Tracer`."""
         cells = sound_directions(directions).reshape(*shape, 3)
 
@@ -297,27 +307,27 @@ class CompiledTracer:
             code = scene.cameras.index(camera_id) if camera_id in scene.cameras else -1
             return scene.decoder.image(feature.reshape(*shape, -1), cells, code)
 
-        rgb = decoded(self.scene, found.feature if found.without_foreign is None else found.without_foreign)
+        rgb = decoded(self.scene, traced.feature if traced.without_foreign is None else traced.without_foreign)
         size = rgb.shape[0], rgb.shape[1]
         for i, foreign in enumerate(self._foreign):
             # each scene's decoder reads its own features only: the images are composited, not the features
-            opacity = found.foreign_opacity[i].clip(0, 1).reshape(*shape)
-            feature = extended_over_edges(found.foreign_features[i].reshape(*shape, -1), opacity, self._edge)
+            opacity = traced.foreign_opacity[i].clip(0, 1).reshape(*shape)
+            feature = extended_over_edges(traced.foreign_features[i].reshape(*shape, -1), opacity, self._edge)
             other, alpha = decoded(foreign, feature), resized(opacity[..., None], size)
             rgb += alpha * (resized(other, size) - rgb)
         return rgb
 
-    def returns(self, found: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, traced: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
         """See `tracer.Tracer`."""
         directions = sound_directions(directions)
-        intensity, logit = self.scene.decoder.returns(found.feature, directions, found.depth_m, found.opacity)
+        intensity, logit = self.scene.decoder.returns(traced.feature, directions, traced.depth_m, traced.opacity)
         for i, foreign in enumerate(self._foreign):
-            covered = found.foreign_opacity[i].clip(0, 1)
-            own = found.foreign_features[i] / covered.clip(1e-3)[:, None]
-            theirs = foreign.decoder.returns(own, directions, found.depth_m, found.opacity)
+            covered = traced.foreign_opacity[i].clip(0, 1)
+            own = traced.foreign_features[i] / covered.clip(1e-3)[:, None]
+            theirs = foreign.decoder.returns(own, directions, traced.depth_m, traced.opacity)
             intensity, logit = (a + covered * (b - a) for a, b in zip((intensity, logit), theirs, strict=True))
         # rays that hit nothing return nothing
-        return intensity, sigmoid(logit) * (found.opacity > 0.5)
+        return intensity, sigmoid(logit) * (traced.opacity > 0.5)
 
     def heights(self, points: FloatArray) -> FloatArray:
         """See `tracer.Tracer`."""

@@ -27,7 +27,7 @@ NOT_SURFELS = (
     "worker",
 )
 """Packages that take no part in making surfels of a log."""
-MOST_KEPT = 32
+MAX_CACHED_LOGS = 32
 """Largest number of logs whose surfels stay in the cache folder."""
 
 
@@ -37,8 +37,8 @@ def surfels_of(log: Log, settings: SurfelSettings, frames: Sequence[int] | None 
     Raises `LogError`, and `OutputError` where the folder cannot be written.
     """
     folder = cache_folder() / "surfels" / build_key(log, settings, frames)
-    if (kept := _kept(folder)) is not None:
-        yield kept
+    if (cached := _cached(folder)) is not None:
+        yield cached
         return
     for step in build_surfels(log, settings, frames):
         if not isinstance(step, SurfelScene):
@@ -51,7 +51,7 @@ def surfels_of(log: Log, settings: SurfelSettings, frames: Sequence[int] | None 
             try:
                 save_surfels(step, temporary)
                 # of two that made the same, the first stays
-                if _kept(folder) is None:
+                if _cached(folder) is None:
                     shutil.rmtree(folder, ignore_errors=True)
                     temporary.rename(folder)
                 _forget_oldest(folder)
@@ -61,18 +61,18 @@ def surfels_of(log: Log, settings: SurfelSettings, frames: Sequence[int] | None 
             raise OutputError(
                 f"{folder}: surfels cannot be kept there: {fault.strerror or fault}; {CACHE_VARIABLE} names another folder"
             ) from fault
-        kept = _kept(folder)
-        yield step if kept is None else kept
+        cached = _cached(folder)
+        yield step if cached is None else cached
 
 
 def _forget_oldest(new: Path) -> None:
     """Remove the surfels that were made the longest ago, of those beyond MOST_KEPT."""
     others = [path for path in new.parent.iterdir() if path.is_dir() and path != new and not path.name.startswith(".")]
-    for old in sorted(others, key=lambda path: path.stat().st_mtime)[: max(0, len(others) + 1 - MOST_KEPT)]:
+    for old in sorted(others, key=lambda path: path.stat().st_mtime)[: max(0, len(others) + 1 - MAX_CACHED_LOGS)]:
         shutil.rmtree(old, ignore_errors=True)
 
 
-def _kept(folder: Path) -> SurfelScene | None:
+def _cached(folder: Path) -> SurfelScene | None:
     try:
         return load_surfels(folder)
     except SceneError:

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from ....geometry import FloatArray
 from ....json_file import Node
 
-ROUNDS = 20
-DARKEST, BRIGHTEST = 8.0, 247.0
+ITERATIONS = 20
+MIN_VALUE, MAX_VALUE = 8.0, 247.0
 """Values beyond which an image tells nothing."""
-ODD = 0.15
+OUTLIER_SHARE = 0.15
 """Places whose colours differ by this share, by more than exposure, count half: what shines, what was
 hidden after all."""
-PRIOR = 10.0
+PRIOR_PLACES = 10.0
 """Weight of the prior of no exposure difference: as many places that say otherwise move an image half of the way."""
 
 
@@ -45,12 +45,12 @@ class Exposures:
     @staticmethod
     def of(cameras: Sequence[str], times_s: Sequence[float], gains: FloatArray) -> Exposures:
         """Of images (I,): their cameras, times and gains (I, 3)."""
-        found = {}
+        by_camera = {}
         for name in dict.fromkeys(cameras):
             own = np.array([i for i, camera in enumerate(cameras) if camera == name])
             own = own[np.argsort(np.array(times_s)[own], kind="stable")]
-            found[name] = np.array(times_s)[own], gains[own]
-        return Exposures(found)
+            by_camera[name] = np.array(times_s)[own], gains[own]
+        return Exposures(by_camera)
 
     def at(self, camera: str, time_s: FloatArray) -> FloatArray:
         """Gains (N, 3) of a camera at times (N,), between the recorded ones; 1 of a camera that has none."""
@@ -77,13 +77,13 @@ class Exposures:
     @staticmethod
     def from_json(node: Node) -> Exposures:
         """The exposures that `to_json` put into a document. Raises the node's error."""
-        found = {}
-        for name, one in node.members():
-            times, gains = one.key("time_s").array(-1), one.key("gain").array(-1, 3)
+        by_camera = {}
+        for name, camera in node.members():
+            times, gains = camera.key("time_s").array(-1), camera.key("gain").array(-1, 3)
             if not len(times) or len(times) != len(gains):
-                one.fail(f"has {len(times)} times and {len(gains)} gains")
-            found[name] = times, gains
-        return Exposures(found)
+                camera.fail(f"has {len(times)} times and {len(gains)} gains")
+            by_camera[name] = times, gains
+        return Exposures(by_camera)
 
 
 def exposure_gains(observations: Observations, images: int) -> FloatArray:
@@ -94,19 +94,19 @@ def exposure_gains(observations: Observations, images: int) -> FloatArray:
     all images have in common is no exposure: each channel's mean gain over what is shown is 1.
     """
     log_gain = np.zeros((images, 3))
-    usable = ((observations.colour > DARKEST) & (observations.colour < BRIGHTEST)).all(1)
+    usable = ((observations.colour > MIN_VALUE) & (observations.colour < MAX_VALUE)).all(1)
     _, place = np.unique(observations.place[usable], return_inverse=True)
     image, colour = observations.image[usable], np.log(observations.colour[usable].astype(np.float64))
     if len(place) == 0:
         return np.exp(log_gain)
     weight = np.ones(len(place))
-    for _ in range(ROUNDS):
+    for _ in range(ITERATIONS):
         mean = _means(place, weight, colour - log_gain[image])
         residual = colour - mean[place]
-        log_gain = _means(image, weight, residual, images, PRIOR)
+        log_gain = _means(image, weight, residual, images, PRIOR_PLACES)
         log_gain -= np.average(log_gain, axis=0, weights=np.bincount(image, minlength=images))
         odd = np.abs(residual - log_gain[image]).max(1)
-        weight = 1 / (1 + (odd / ODD) ** 2)
+        weight = 1 / (1 + (odd / OUTLIER_SHARE) ** 2)
     return np.exp(log_gain)
 
 

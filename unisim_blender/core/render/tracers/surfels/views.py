@@ -21,12 +21,12 @@ from ....world.drive import Actor, Camera
 from ...tracer import NEAR_M
 from .placed import PlacedSurfels
 
-NEARER_SHARE, NEARER_M = 0.02, 0.2
+OCCLUSION_SHARE, OCCLUSION_M = 0.02, 0.2
 """A place farther than the first surface by more than this is hidden."""
-BOX_MARGIN_M, BOXES_WITHIN_M, ROLLING = 0.3, 120.0, 6
-OUTLINE_IMAGES, OUTLINE_WIDTH = 24, 480
+BOX_MARGIN_M, MAX_BOX_DISTANCE_M, SHUTTER_POSES = 0.3, 120.0, 6
+OUTLINE_IMAGES, OUTLINE_WIDTH_PX = 24, 480
 """Number of images, and their width in pixels, from which the outline of the recording vehicle itself is derived."""
-EDGE = 1.35
+DEPTH_EDGE_FACTOR = 1.35
 """Beside something nearer by this factor images show either: nothing is taken from there."""
 
 
@@ -132,7 +132,9 @@ class RecordedView:
         if static:
             distance = np.where(distance > self.boxes_m[cell], np.inf, distance)
         depth, clear = self.depth_m[cell], self.clear_m[cell]
-        near = (distance <= depth * (1 + NEARER_SHARE) + NEARER_M) & (distance <= clear * EDGE + NEARER_M)
+        near = (distance <= depth * (1 + OCCLUSION_SHARE) + OCCLUSION_M) & (
+            distance <= clear * DEPTH_EDGE_FACTOR + OCCLUSION_M
+        )
         return np.asarray(near & ~self.own[cell])
 
     def sample(self, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
@@ -162,10 +164,10 @@ def outline_in(log: Log, camera_id: str, frames: Collection[int]) -> dict[str, t
     found in, by the camera; nothing of one that does not see it, or of whose images too few tell. Raises `LogError`."""
     there = moved_frames(log.drive, [frame for frame in log.image_frames(camera_id) if frame in frames])
     chosen = [there[i] for i in np.unique(np.linspace(0, len(there) - 1, min(len(there), OUTLINE_IMAGES)).astype(int))]
-    model = resized(log.drive.cameras[camera_id], OUTLINE_WIDTH).model
+    model = resized(log.drive.cameras[camera_id], OUTLINE_WIDTH_PX).model
     images = [resize_image(log.image(camera_id, frame), model) for frame in chosen]
-    found = find_outline(images, shown_pixels(log.drive.cameras[camera_id].model, model))
-    outline = joined(found, given_outline(log, camera_id, model))
+    outline = find_outline(images, shown_pixels(log.drive.cameras[camera_id].model, model))
+    outline = joined(outline, given_outline(log, camera_id, model))
     return {} if outline is None else {camera_id: (outline, model.height)}
 
 
@@ -204,8 +206,8 @@ def _boxes(
 ) -> NDArray[np.float32]:
     """How far away (h, w) rays (h w,) of a camera's image enter the first actor's box; inf where they enter none."""
     time, model = camera.time_s[frame], camera.model
-    found = np.full(shape, np.inf, np.float32)
-    numbers = np.arange(found.size).reshape(shape)
+    depth = np.full(shape, np.inf, np.float32)
+    numbers = np.arange(depth.size).reshape(shape)
     camera_from_world = invert_pose(camera.world_from_camera.at(time))
     for actor in (actor for actor in actors if actor.start_s <= time <= actor.end_s):
         pose, size = actor.world_from_actor.at(time), actor.size_m + BOX_MARGIN_M
@@ -215,30 +217,32 @@ def _boxes(
                 continue
             left, top, right, bottom = silhouette
             part = numbers[_span(np.array([top, bottom]), shape[0]), _span(np.array([left, right]), shape[1])]
-            _meet(found, part, rays, pose, size)
+            _meet(depth, part, rays, pose, size)
             continue
         x, y, z = transform_points(camera_from_world, box_corners(pose, size)).T
-        if z.max() < NEAR_M or z.min() > BOXES_WITHIN_M:
+        if z.max() < NEAR_M or z.min() > MAX_BOX_DISTANCE_M:
             continue
         part = numbers
         if z.min() > NEAR_M:
             u, v = model.fx * x / z + model.cx, model.fy * y / z + model.cy
             part = numbers[_span(v, shape[0]), _span(u, shape[1])]
-        _meet(found, part, rays, pose, size)
-    return found
+        _meet(depth, part, rays, pose, size)
+    return depth
 
 
-def _meet(found: NDArray[np.float32], part: NDArray[np.int64], rays: Rays, pose: FloatArray, size: FloatArray) -> None:
-    """Note in ``found`` how far away the rays of some cells enter a box."""
+def _meet(depth: NDArray[np.float32], part: NDArray[np.int64], rays: Rays, pose: FloatArray, size: FloatArray) -> None:
+    """Note in ``depth`` how far away the rays of some cells enter a box."""
     if part.size == 0:
         return
     flat = part.reshape(-1)
     enter, leave = intersect_boxes(rays.origins[flat], rays.directions[flat], invert_pose(pose)[None], size[None])
     at = np.where((enter <= leave) & (leave > 0), np.maximum(enter, 0), np.inf)[:, 0]
-    found.reshape(-1)[flat] = np.minimum(found.reshape(-1)[flat], at)
+    depth.reshape(-1)[flat] = np.minimum(depth.reshape(-1)[flat], at)
 
 
 def _span(values: FloatArray, size: int) -> slice:
     """The cells between the least and the largest of values; an exposure of rows moves things by a few."""
-    low, high = np.clip([np.floor(values.min()) - ROLLING, np.ceil(values.max()) + ROLLING], 0, size).astype(int)
+    low, high = np.clip(
+        [np.floor(values.min()) - SHUTTER_POSES, np.ceil(values.max()) + SHUTTER_POSES], 0, size
+    ).astype(int)
     return slice(low, high)

@@ -137,10 +137,10 @@ def trace(
     skipped; ``mesh_hits`` is where rays hit meshes."""
     actors, first = [], 0
     for number, actor_set in enumerate(active.sets):
-        found = actor_segments(actor_set, rays, sampling, number, first, among if number == 0 else None)
+        segments = actor_segments(actor_set, rays, sampling, number, first, among if number == 0 else None)
         first += len(actor_set.uids)
-        if found is not None:
-            actors.append(found)
+        if segments is not None:
+            actors.append(segments)
     static = static_segments(scene, StaticMask(scene, active, rays, actors), rays, sampling)
     ray_segments: list[RaySegments] = [*([static] if len(static) else []), *actors]
     copies = copied_segments(scene, active, rays, sampling)
@@ -156,14 +156,14 @@ def trace(
     )
     if active.foreign or mesh_hits is not None:
         alone, reach = _without_foreign(traced, ray_segments)
-    samples, told = sum(s.t.numel() for s in ray_segments), None
+    samples, background = sum(s.t.numel() for s in ray_segments), None
     # the scene's own decoder, too, sees what lies behind foreign actors
     behind = None
     if sampling.background:
         behind = background_along(scene, rays, sampling, seen.transmittance_after if reach is None else reach)
     if behind is not None:
         samples += behind.samples
-        seen, told = behind.behind(traced)
+        seen, background = behind.behind(traced)
         if alone is not None and reach is not None:
             alone = behind.feature_behind(alone, reach)
     return SegmentTrace(
@@ -175,7 +175,7 @@ def trace(
         samples=samples,
         foreign_features=traced.foreign_features,
         foreign_opacity=traced.foreign_opacity,
-        background=told,
+        background=background,
         without_foreign=alone,
         mesh_opacity=None if mesh_hits is None else traced.mesh_opacity,
     )

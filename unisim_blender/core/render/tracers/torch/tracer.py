@@ -35,14 +35,14 @@ from ....sensors.rays import Rays, sound_directions
 from ....world.drive import Actor, Box
 from ....world.replay import WorldState
 from ...observed_space import Observed, ObservedSpace
-from ...quality import QUALITY, Quality
-from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, TraceResult, active_actors
+from ...quality import QUALITIES, Quality
+from ...tracer import FOREIGN_EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, TraceResult, active_actors
 from .actor_tensors import active_actor_tensors
 from .ray_passes import ray_passes
 from .segments import Sampling
 from .trace import trace
 
-LEAST_RAYS = 1 << 12
+MIN_CHUNK_RAYS = 1 << 12
 """A device without memory for so few has none for the scene."""
 
 
@@ -50,14 +50,14 @@ def in_chunks(count: int, rays: int, take: Callable[[int, int], None]) -> None:
     """Call ``take`` with the first and the end of each chunk of ``count`` rays, of ``rays`` at most.
 
     Where the device has no memory for a chunk, it and those that follow are halved. Raises torch.cuda.OutOfMemoryError
-    where there is none for `LEAST_RAYS`. What ``take`` keeps, it keeps last.
+    where there is none for `MIN_CHUNK_RAYS`. What ``take`` keeps, it keeps last.
     """
     begin = 0
     while begin < count:
         try:
             take(begin, min(begin + rays, count))
         except torch.cuda.OutOfMemoryError:
-            if rays <= LEAST_RAYS:
+            if rays <= MIN_CHUNK_RAYS:
                 raise
             rays //= 2
         else:
@@ -68,9 +68,9 @@ def in_chunks(count: int, rays: int, take: Callable[[int, int], None]) -> None:
 
 
 CHUNK_RAYS = 1 << 14
-GPU_CHUNK_RAYS = 1 << 17
+MAX_GPU_CHUNK_RAYS = 1 << 17
 """At most: a GPU waits for Python, which takes as long over few rays as over many."""
-EXACT_SAMPLES = QUALITY["reference"].samples
+EXACT_SAMPLES = QUALITIES["reference"].samples
 """Qualities with so many samples are held against others."""
 
 
@@ -81,7 +81,10 @@ class TorchBackend:
     sees_all = False
 
     def __init__(
-        self, scene: TorchScene, quality: Quality = QUALITY["balanced"], others: Mapping[str, TorchScene] | None = None
+        self,
+        scene: TorchScene,
+        quality: Quality = QUALITIES["balanced"],
+        others: Mapping[str, TorchScene] | None = None,
     ) -> None:
         self.scene, self.device, self.quality = scene, scene.actor_tables.device, quality
         self.scenes = {path: (s.model, s.actor_tables) for path, s in {"": scene, **(others or {})}.items()}
@@ -137,7 +140,7 @@ class TorchTracer:
         models = [scene.model, *(actor_set.scene for actor_set in self.tensors.foreign.values())]
         # decoders that look aside see past a foreign actor's edges
         alone = all(model.camera_decoder.reach == 0 and model.config.upsample == 1 for model in models)
-        self.edge = 0 if alone else EDGE_CELLS
+        self.edge = 0 if alone else FOREIGN_EDGE_CELLS
         self.reach = scene.model.camera_decoder.reach + (self.edge if self.active.foreign else 0)
 
     @property
@@ -156,8 +159,8 @@ class TorchTracer:
         starts = None
         if self.space is not None and self.clipped:
             starts = torch.as_tensor(self.space.starts(rays)).to(batch.origins)
-        told, asked = self.space is not None and "unsupported" in passes, passes
-        passes = passes - {"unsupported"} | {"depth", "instance"} if told else passes
+        adds_unsupported, requested = self.space is not None and "unsupported" in passes, passes
+        passes = passes - {"unsupported"} | {"depth", "instance"} if adds_unsupported else passes
         near = self.bounds.in_reach(rays)
         stats.actors_skipped += len(self.active.own.actors) - len(near)
         among = torch.tensor(near, dtype=torch.long, device=self.device)
@@ -170,19 +173,19 @@ class TorchTracer:
                 part = replace(part, starts=starts[begin:end])
             surfaces = None if mesh_hits is None else mesh_hits.between(begin, end)
             traced = trace(self.scene.model, self.tensors, part, sampling, among, surfaces)
-            found = ray_passes(self.scene, self.tensors, part, traced, passes)
+            pass_maps = ray_passes(self.scene, self.tensors, part, traced, passes)
             self._count(part, traced, stats)
-            maps.append(found)
+            maps.append(pass_maps)
             # samples of all chunks together would be too many to keep
             pieces.append(replace(traced, ray_segments=(), weights=(), background=None))
 
-        in_chunks(len(batch), GPU_CHUNK_RAYS if batch.origins.is_cuda else CHUNK_RAYS, take)
+        in_chunks(len(batch), MAX_GPU_CHUNK_RAYS if batch.origins.is_cuda else CHUNK_RAYS, take)
         covered = _joined([p.mesh_opacity for p in pieces])
         joined = {name: np.concatenate([m[name] for m in maps]) for name in maps[0]}
-        if told:
+        if adds_unsupported:
             assert self.space is not None
             joined["unsupported"] = ~self.space.supported(rays, joined["depth"], joined["instance"], self.clipped)
-            joined = {name: x for name, x in joined.items() if name in asked}
+            joined = {name: x for name, x in joined.items() if name in requested}
         return TraceResult(
             feature=torch.cat([p.feature for p in pieces]),
             depth_m=torch.cat([p.depth_m for p in pieces]),
@@ -210,7 +213,7 @@ class TorchTracer:
         stats.samples_saved += max(0, uniform - spent)
 
     @torch.no_grad()
-    def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+    def image(self, traced: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """The image (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w,
         3)."""
         along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
@@ -224,11 +227,11 @@ class TorchTracer:
                 image: Tensor = network.camera_decoder(features.view(1, *shape, -1).permute(0, 3, 1, 2))
             return image.float()
 
-        rgb = decoded(self.scene.model, found.feature if found.without_foreign is None else found.without_foreign)
+        rgb = decoded(self.scene.model, traced.feature if traced.without_foreign is None else traced.without_foreign)
         for i, actor_set in enumerate(self.tensors.foreign.values()):
             # each scene's features are its own decoder's: the images are laid over each other, not the features
-            share = found.foreign_opacity[i].clamp(0, 1)
-            other = decoded(actor_set.scene, _extrapolated(found.foreign_features[i], share, shape, self.edge))
+            share = traced.foreign_opacity[i].clamp(0, 1)
+            other = decoded(actor_set.scene, _extrapolated(traced.foreign_features[i], share, shape, self.edge))
             alpha = F.interpolate(share.view(1, 1, *shape), size=rgb.shape[-2:], mode="bilinear", align_corners=False)
             if other.shape != rgb.shape:
                 other = F.interpolate(other, size=rgb.shape[-2:], mode="bilinear", align_corners=False)
@@ -236,17 +239,17 @@ class TorchTracer:
         return rgb[0].permute(1, 2, 0).cpu().numpy().astype(np.float32)
 
     @torch.no_grad()
-    def returns(self, found: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, traced: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
         """A LiDAR's intensities in 0..1 (N,), and the probabilities (N,) of a return."""
         along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
-        intensity, logit = self.scene.model.lidar_head(found.feature, along, found.depth_m, found.opacity)
+        intensity, logit = self.scene.model.lidar_head(traced.feature, along, traced.depth_m, traced.opacity)
         for i, actor_set in enumerate(self.tensors.foreign.values()):
-            share = found.foreign_opacity[i].clamp(0, 1)
-            own = found.foreign_features[i] / share.clamp_min(1e-3)[:, None]
-            i_foreign, l_foreign = actor_set.scene.lidar_head(own, along, found.depth_m, found.opacity)
+            share = traced.foreign_opacity[i].clamp(0, 1)
+            own = traced.foreign_features[i] / share.clamp_min(1e-3)[:, None]
+            i_foreign, l_foreign = actor_set.scene.lidar_head(own, along, traced.depth_m, traced.opacity)
             intensity, logit = torch.lerp(intensity, i_foreign, share), torch.lerp(logit, l_foreign, share)
         # what hits nothing returns nothing
-        probability = torch.sigmoid(logit) * (found.opacity > 0.5)
+        probability = torch.sigmoid(logit) * (traced.opacity > 0.5)
         return intensity.cpu().numpy(), probability.cpu().numpy()
 
     @torch.no_grad()

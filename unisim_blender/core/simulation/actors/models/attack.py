@@ -12,7 +12,7 @@ from ....geometry import FloatArray, quaternion_from_yaw
 from ....world.actor_path import ActorPath, product
 from ....world.captures import SECOND_US
 from ....world.drive import EGO, Actor
-from ...states import ActorState, FootprintArrays, Traffic
+from ...states import ActorState, FootprintArrays, Traffic, actor_footprint
 from ..follow import HARDEST_M_S2
 from ..lead import touching
 from ..model import ACCELERATION, COUNT, DURATION, LENGTH, SPEED, ActorMotion, Answer, Schema, register
@@ -93,7 +93,7 @@ class Attack(Auto):
             memory = self._decided(actor, state, memory, traffic, time_us)
         if not isinstance(memory, AttackMemory):
             return super().answer(actor, motion, traffic, time_us, step_us)
-        if not memory.hit and EGO in _touched(actor, state, traffic):
+        if not memory.hit and EGO in touching(actor_footprint(actor, state), traffic):
             memory = replace(memory, hit=True, acceleration_m_s2=-HARDEST_M_S2, to_per_m=memory.curvature_per_m)
         elif not memory.hit and time_us - memory.decided_us >= round(self.decide_s * SECOND_US):
             memory = self._decided(actor, state, memory, traffic, time_us)
@@ -190,12 +190,6 @@ def _met(actor: Actor, apart: FloatArray, boxes: FootprintArrays, others: NDArra
     length, width = float(actor.size_m[0]) / 2, float(actor.size_m[1]) / 2
     inside = (along < boxes.half_length_m[others] + length) & (across < boxes.half_width_m[others] + width)
     return np.asarray(inside.any(1).sum(-1), float)
-
-
-def _touched(actor: Actor, state: ActorState, traffic: Traffic) -> tuple[str, ...]:
-    x, y, _ = state.position_m
-    length, width, _ = actor.size_m.tolist()
-    return touching(x, y, state.heading_rad, length, width, traffic, actor.uid)
 
 
 def _climb(path: ActorPath | None, x: float, y: float, z: float, way_m: float) -> float:

@@ -9,7 +9,7 @@ from functools import cache, cached_property
 from ....world.actor_path import ActorPath, joined
 from ....world.captures import SECOND_US
 from ....world.drive import Actor
-from ...states import ActorState, Traffic
+from ...states import ActorState, Traffic, actor_footprint
 from ..follow import IdmParameters, PathProgress, advanced, search_of
 from ..lead import Lead, touching
 from ..model import ACCELERATION, ActorMotion, Answer, Model, Pending, Schema, after, register
@@ -112,9 +112,7 @@ class Idm(Model):
         if memory.waits:
             position, quaternion = path.place(0.0)
             state = ActorState(position, quaternion, path.speed_at(0.0))
-        x, y, _ = state.position_m
-        length, width, _ = actor.size_m.tolist()
-        if touching(x, y, state.heading_rad, length, width, traffic, actor.uid):
+        if touching(actor_footprint(actor, state), traffic):
             return ActorMotion(replace(state, present=False), replace(memory, waits=True))
         s = 0.0 if memory.waits else path.s_at_time(later_us / SECOND_US)
         return ActorMotion(state, begun(actor, path, state, world, s))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from ....world.actor_path import ActorPath
 from ....world.captures import SECOND_US
 from ....world.drive import Actor
-from ...states import ActorState, Traffic
+from ...states import ActorState, Traffic, actor_footprint
 from ..lead import Search, touching
 from ..model import ActorMotion, Answer, Model, Pending, register
 from ..recording import Recording
@@ -93,5 +93,5 @@ class Replay(Model):
         ignored = {footprint.uid for footprint in traffic.footprints} - vehicles
         ignored |= world.passed(actor, path)
         # too late to stop before it
-        ignored |= set(touching(x, y, state.heading_rad, length, width, traffic, actor.uid))
+        ignored |= set(touching(actor_footprint(actor, state), traffic))
         return Search(path, s_m, ahead, STEP_M, actor.uid, length, width, ignored)
