@@ -127,7 +127,7 @@ def make_long(base: Path, out: Path, frames: int, width: int, height: int) -> No
         "long", numbers, stamps(drive.time_s), longer(drive.world_from_ego), cameras, lidars, actors,
         world_origin=drive.world_origin,
     )  # fmt: skip
-    writer = PandasetWriter(out, long, jpeg_quality=90)
+    writer = PandasetWriter(out, long)
     pandaset_write.COMPRESSION = 1  # a thousand sweeps in minutes
     sweeps = [short.sweep(PANDAR64, frame) for frame in drive.frames]
     of_turn = [{uid: actors[uid] for uid in stay} for _ in range(rounds)]

@@ -20,7 +20,7 @@ KINDS = ("Operator", "Panel", "Menu", "PropertyGroup", "AddonPreferences", "File
 CALLS = {
     "interface": 1, "tooltip": 1, "message": 1, "label": 0, "operator": 0, "operator_menu_enum": 0, "prop": 0,
     "menu": 0,
-    "progress": 0, "report": 2, "row_of": 2, "allowed": 9, "selected": 2, "Text": 1, "counted": 3, "translatable": 1,
+    "progress": 0, "report": 2, "row_of": 2, "allowed": 9, "selected": 1, "Text": 1, "counted": 3, "translatable": 1,
     "Slot": 2,
 }  # fmt: skip
 """Functions whose constant texts people see, and how many of their positional arguments may be such texts."""

@@ -4,6 +4,8 @@ CLASSES       classes that are registered in this order
 HANDLERS      names of lists in `bpy.app.handlers`, each with a function that is added to it
 DRAWINGS      each a `Drawing`
 TIMERS        functions of timers that are ended when the module is taken away
+PROPERTIES    each a class of Blender's, a name, and the property that it has of that name then
+MENUS         each a menu, panel or header of Blender's, and a function that is appended to it
 register, unregister   for what is left to do, and for CLASSES where there are both
 """
 
@@ -37,6 +39,10 @@ def open_room(room: ModuleType) -> None:
         room.register()
     else:
         add(getattr(room, "CLASSES", ()))
+    for owner, name, value in getattr(room, "PROPERTIES", ()):
+        setattr(owner, name, value)
+    for menu, draw in getattr(room, "MENUS", ()):
+        menu.append(draw)
 
 
 def close_room(room: ModuleType) -> None:
@@ -49,6 +55,10 @@ def close_room(room: ModuleType) -> None:
     for timer in getattr(room, "TIMERS", ()):
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)
+    for menu, draw in getattr(room, "MENUS", ()):
+        menu.remove(draw)
+    for owner, name, _ in getattr(room, "PROPERTIES", ()):
+        delattr(owner, name)
     if hasattr(room, "unregister"):
         room.unregister()
     else:

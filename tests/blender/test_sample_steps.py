@@ -28,7 +28,7 @@ from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.scene import Sampled
 from unisim_blender.editing.sampled.source import open_source
 from unisim_blender.features.drive.export_operators import scenario_of, scenario_steps
-from unisim_blender.features.in_steps import InSteps, in_thread
+from unisim_blender.features.operator_bases import InSteps, in_thread
 
 R = TypeVar("R")
 LIST_ALONE = {"ridden", "span"}
@@ -268,7 +268,9 @@ class Window:
 def begun(monkeypatch: pytest.MonkeyPatch, fails: Exception | None = None) -> tuple[Any, Window]:
     """An operator that has begun in a window."""
     window, operator = Window(), Counting(fails)
-    monkeypatch.setattr("unisim_blender.features.in_steps.bpy.app", SimpleNamespace(background=False), raising=False)
+    monkeypatch.setattr(
+        "unisim_blender.features.operator_bases.bpy.app", SimpleNamespace(background=False), raising=False
+    )
     assert operator.in_steps(window) == {"RUNNING_MODAL"}
     return operator, window
 

@@ -3,7 +3,7 @@ button says why it is grey."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from .objects.trajectories import trajectory_of
 
 
 def areas(*kinds: str) -> Iterator[bpy.types.Area]:
-    """Every area of some kinds, in every window; of any kind without."""
+    """Yield the areas of some kinds, in all windows; of any kind without."""
     for window in bpy.context.window_manager.windows:
         yield from (area for area in window.screen.areas if not kinds or area.type in kinds)
 
@@ -58,7 +58,7 @@ def refresh(changed: Iterable[bpy.types.Object]) -> None:
 
 
 def chosen(context: bpy.types.Context, *kinds: str) -> list[bpy.types.Object]:
-    """The selected objects of some kinds."""
+    """Return the selected objects of some kinds."""
     return [obj for obj in context.selected_objects if obj.unisim.kind in kinds]
 
 
@@ -112,9 +112,9 @@ def vehicle(context: bpy.types.Context) -> Need:
     return next(imported_objects(context.scene, "EGO"), None), "Import a drive first: there is no ego vehicle"
 
 
-def selected(context: bpy.types.Context, sentence: str, *kinds: str) -> Need:
-    """Something of some kinds is selected."""
-    return chosen(context, *kinds), sentence
+def selected(sentence: str, *kinds: str) -> Callable[[bpy.types.Context], Need]:
+    """Return the need that something of some kinds is selected."""
+    return lambda context: (chosen(context, *kinds), sentence)
 
 
 def idle(running: object) -> Need:

@@ -265,8 +265,8 @@ def _write_alpasim(path: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
 
 
 WRITERS = {
-    reader.name: reader
-    for reader in (
+    form.name: form
+    for form in (
         ScenarioFormat("alpasim", "a scene for AlpaSim's runtime, which `unisim serve` renders", _write_alpasim),
         ScenarioFormat("openscenario", "ASAM OpenSCENARIO XML 1.3", _write_openscenario),
     )

@@ -14,15 +14,15 @@ from ..bridge.changes.following import dragging
 from ..bridge.objects.imported import source_of
 from ..bridge.sampling.edit_state import edit_state
 from ..bridge.sampling.stepping import sample_all
-from ..bridge.window import allowed, choose, drive, redraw
+from ..bridge.window import choose, drive, redraw
 from ..editing.motion.plausibility import place_of, warnings_of
 from ..editing.sampled.clock import Clock
 from ..editing.texts import UPPER, cased, packed, unpacked
 from ..registering import add, take_away
 from ..translations import localized, message
 from .drive.export_operators import sampled_in_steps
-from .in_steps import AtOnce, in_thread
-from .motion.settings import limits_of
+from .motion.properties import limits_of
+from .operator_bases import AtOnce, Needing, in_thread
 from .sidebar import DrivePanel
 
 SETTLE_S = 0.5
@@ -64,17 +64,13 @@ def compare_all(*_: object) -> None:
     compare_soon()
 
 
-class UNISIM_OT_check(AtOnce, bpy.types.Operator):
+class UNISIM_OT_check(Needing, AtOnce, bpy.types.Operator):
     """List implausible edits: overlaps, sideways or too fast cars, actors off the ground, far or unseen camera views"""
 
     bl_idname = "unisim.check"
     bl_label = "Check Edits"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there."""
-        return allowed(cls, drive(context))
+    needs = (drive,)
 
     def finished(self, context: bpy.types.Context) -> None:
         """Draw the panel again: after a tick of a timer Blender draws none by itself."""

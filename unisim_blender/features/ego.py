@@ -12,16 +12,17 @@ from ..core.errors import UnisimError
 from ..core.scenario.edits.ego_body import LABEL
 from ..translations import message
 from .actors.operators import DIRECTIONS, marked_above
-from .in_steps import reporting
+from .operator_bases import Needing, reporting
 from .sidebar import DrivePanel, row_of
 
 
-class UNISIM_OT_shift_ego(bpy.types.Operator):
+class UNISIM_OT_shift_ego(Needing, bpy.types.Operator):
     """Displace the trajectory of the ego vehicle and its sensors to the left or right"""
 
     bl_idname = "unisim.shift_ego"
     bl_label = "Shift Ego Lane"
     bl_options = {"REGISTER", "UNDO"}
+    needs = (object_mode, vehicle)
 
     left_m: FloatProperty(
         name="Left",
@@ -29,11 +30,6 @@ class UNISIM_OT_shift_ego(bpy.types.Operator):
         default=1.0,
         unit="LENGTH",
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """The vehicle has to be there."""
-        return allowed(cls, object_mode(context), vehicle(context))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Displace its whole trajectory."""
@@ -50,24 +46,19 @@ PLACES = (
 )
 
 
-class UNISIM_OT_ego_body(bpy.types.Operator):
+class UNISIM_OT_ego_body(Needing, bpy.types.Operator):
     """Use the selected mesh objects and their children as the body of the ego vehicle, which sensors on it do not see"""
 
     bl_idname = "unisim.ego_body"
     bl_label = "Use as Ego Body"
     bl_options = {"REGISTER", "UNDO"}
+    needs = (object_mode, vehicle, selected("Select a mesh object that is not part of the drive yet", "NONE"))
 
     place: EnumProperty(name="Place", items=PLACES)
     forward: EnumProperty(name="Points along", items=DIRECTIONS)
     label: StringProperty(
         name="Class", description="As the log's labels have it: Car, Pickup Truck, Bus …", default=LABEL
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """The vehicle has to be there, and an object that is nothing of the drive yet has to be selected."""
-        needed = selected(context, "Select a mesh object that is not part of the drive yet", "NONE")
-        return allowed(cls, object_mode(context), vehicle(context), needed)
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:

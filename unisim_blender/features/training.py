@@ -5,25 +5,26 @@ from pathlib import Path
 import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 
-from ..bridge.window import allowed, drive, idle
+from ..bridge.window import drive
 from ..core.errors import UnisimError
 from ..core.presets import PRESETS
 from ..preferences import device, interpreter
-from ..process.background import curve_icon, launch, running
+from ..process.background import curve_icon, launch
 from ..process.tasks import TrainingTask
-from .in_steps import reporting
+from .operator_bases import Needing, nothing_runs, reporting
 from .sidebar import DrivePanel
 
 PREVIEW_S = 30.0
 """Between two previews, or longer where they would cost too much."""
 
 
-class UNISIM_OT_train(bpy.types.Operator):
+class UNISIM_OT_train(Needing, bpy.types.Operator):
     """Train a neural scene on the imported log, in the background; an unfinished training in the folder is resumed"""
 
     bl_idname = "unisim.train"
     bl_label = "Train Neural Scene"
     bl_options = {"REGISTER"}
+    needs = (drive, nothing_runs)
 
     directory: StringProperty(name="Folder", description="Folder of the trained scene", subtype="DIR_PATH")
     minutes: FloatProperty(name="Minutes", description="Training time in minutes", default=60.0, min=0.1)
@@ -38,11 +39,6 @@ class UNISIM_OT_train(bpy.types.Operator):
         name="Cameras", description="Camera names separated by commas, or all; empty for the one that faces ahead"
     )
     frames: StringProperty(name="Frames", description="Frames as START:STOP:STEP", default="::2")
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A log has to be there, and nothing else be running."""
-        return allowed(cls, drive(context), idle(running))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for the folder."""

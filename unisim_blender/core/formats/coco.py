@@ -67,16 +67,16 @@ def _annotations(run: Run, categories: dict[str, int]) -> Iterator[dict[str, Any
             if uid not in run.drive.actors:
                 pose.fail("is of no actor of the drive")
             actor = run.drive.actors[uid]
-            found = _rectangle(image, pose, actor.size_m)
-            if found is None:
+            rectangle = _rectangle(image, pose, actor.size_m)
+            if rectangle is None:
                 continue
             count += 1
             yield {
                 "id": count,
                 "image_id": number,
                 "category_id": categories[actor.label],
-                "bbox": found,
-                "area": found[2] * found[3],
+                "bbox": rectangle,
+                "area": rectangle[2] * rectangle[3],
                 "iscrowd": 0,
                 "actor": uid,
             }

@@ -110,7 +110,7 @@ def open_log(path: Path | str) -> Log:
         raise LogError(f"{path}: there is no such log")
     reader = reader_of(path)
     if reader is None:
-        inside = next((one for one in _folders(path) if reader_of(one) is not None), None)
+        inside = next((folder for folder in _folders(path) if reader_of(folder) is not None), None)
         if inside is not None:
             raise LogError(f"{path}: is no recorded drive itself; name one of those in it, as {inside}")
         known = "; ".join(reader.layout for reader in READERS.with_plugins().values())
@@ -126,7 +126,7 @@ def open_log(path: Path | str) -> Log:
 def _folders(path: Path) -> list[Path]:
     """Some folders in a folder, by name."""
     try:
-        return sorted(one for one in path.iterdir() if one.is_dir())[:LOOKED_INTO] if path.is_dir() else []
+        return sorted(entry for entry in path.iterdir() if entry.is_dir())[:LOOKED_INTO] if path.is_dir() else []
     except OSError:
         return []
 
@@ -136,9 +136,9 @@ def drive_files(sizes: Mapping[str, int]) -> Collection[str]:
     them where its reader does not say, by a method `drive_files` of its own with the same argument."""
     for reader in READERS.with_plugins().values():
         chosen = getattr(reader, "drive_files", None)
-        found: Collection[str] | None = None if chosen is None else chosen(sizes)
-        if found is not None:
-            return found
+        names: Collection[str] | None = None if chosen is None else chosen(sizes)
+        if names is not None:
+            return names
     return sizes
 
 

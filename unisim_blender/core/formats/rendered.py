@@ -146,7 +146,7 @@ class RenderedLog:
 
 def _numbered(drive: Drive, place: Node) -> tuple[dict[int, str], Drive]:
     """The names of the moments by frame, and the drive with these frames and the captures' times, which are at ``place``."""
-    times = {name: {one: at.number() for one, at in node.members()} for name, node in place.members()}
+    times = {name: {sensor: at.number() for sensor, at in node.members()} for name, node in place.members()}
     try:
         keys = in_order(key_of(name) for name in times)
     except ValueError as fault:
@@ -172,8 +172,8 @@ def _numbered(drive: Drive, place: Node) -> tuple[dict[int, str], Drive]:
         drive,
         frames=tuple(names),
         time_s=frame_times,
-        cameras={name: replace(one, time_s=of(f"camera/{name}")) for name, one in drive.cameras.items()},
-        lidars={name: replace(one, time_s=of(f"lidar/{name}")) for name, one in drive.lidars.items()},
+        cameras={name: replace(camera, time_s=of(f"camera/{name}")) for name, camera in drive.cameras.items()},
+        lidars={name: replace(lidar, time_s=of(f"lidar/{name}")) for name, lidar in drive.lidars.items()},
     )
 
 

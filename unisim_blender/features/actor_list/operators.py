@@ -13,8 +13,8 @@ from ...core.errors import UnisimError
 from ...editing.actors.table import nearest_present
 from ...editing.sampled.clock import Clock
 from ...editing.texts import translatable
-from ...registering import add, take_away
 from ...translations import message
+from ..operator_bases import Needing
 from . import listing
 
 GROUPS = (
@@ -91,22 +91,18 @@ class UniSimActorList(bpy.types.PropertyGroup):
     place: IntProperty(get=active_place, set=choose_place)
 
 
-class UNISIM_OT_choose_actor(bpy.types.Operator):
+class UNISIM_OT_choose_actor(Needing, bpy.types.Operator):
     """Select an actor and make it active"""
 
     bl_idname = "unisim.choose_actor"
     bl_label = "Select Actor"
     bl_options = {"UNDO", "INTERNAL"}
+    needs = (object_mode, drive)
 
     name: StringProperty(name="Actor", description="The object's name")
     seconds: FloatProperty(
         name="Time", description="Seconds of the drive to go to; below 0: as the list's settings have it", default=-1.0
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there, and objects selectable."""
-        return allowed(cls, object_mode(context), drive(context))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Select it, go to a frame at which it is there, and turn the view to it."""
@@ -252,15 +248,4 @@ CLASSES = (
     UNISIM_OT_clear_actor_filter,
     UNISIM_OT_select_listed,
 )
-
-
-def register() -> None:
-    """Add the operators and the filter."""
-    add(CLASSES)
-    bpy.types.WindowManager.unisim_actors = PointerProperty(type=UniSimActorList)
-
-
-def unregister() -> None:
-    """Take them away."""
-    del bpy.types.WindowManager.unisim_actors
-    take_away(CLASSES)
+PROPERTIES = ((bpy.types.WindowManager, "unisim_actors", PointerProperty(type=UniSimActorList)),)

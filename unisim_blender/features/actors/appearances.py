@@ -13,7 +13,7 @@ from bpy_extras.io_utils import ImportHelper
 
 from ...bridge.changes.carriers.scale import give_box
 from ...bridge.objects.imported import box_mesh, collection_of, new_actor, source_of
-from ...bridge.window import allowed, choose, chosen, drive, object_mode, refresh, selected
+from ...bridge.window import Need, choose, chosen, drive, object_mode, refresh, selected
 from ...core.actor_images.names import group_of, readable_names
 from ...core.errors import UnisimError
 from ...core.model.scene_file import HEADER_NAME, read_scene_header
@@ -21,7 +21,7 @@ from ...core.world.drive import Actor
 from ...editing.actors.table import class_and_size, named_actors, natural
 from ...translations import interface, message
 from ..actor_list.operators import GROUPS
-from ..in_steps import reporting
+from ..operator_bases import Needing, reporting
 from . import thumbnails
 
 PAGE = 32
@@ -35,7 +35,7 @@ _texts: dict[str, str] = {}
 
 
 @dataclass(frozen=True)
-class Choice:
+class ActorChoices:
     """The actors that can be chosen, by id: those of a trained scene in a folder, or of the drive itself
     where that is None."""
 
@@ -49,7 +49,7 @@ _headers: dict[Path, tuple[float, Any]] = {}
 """Headers of trained scenes, with the time of their last change."""
 
 
-def choice_of(context: bpy.types.Context, folder: str) -> Choice:
+def choice_of(context: bpy.types.Context, folder: str) -> ActorChoices:
     """Return the actors of the trained scene in a folder, or of the imported drive where that is "".
     Raises `UnisimError`."""
     if not folder:
@@ -68,7 +68,7 @@ def choice_of(context: bpy.types.Context, folder: str) -> Choice:
     thumbnails.ask(log_path)
     words = {uid: image.word for uid, image in thumbnails.images_of(log_path).items()}
     names = readable_names(counted, words)
-    return Choice(actors, {uid: names[uid] for uid in actors}, log_path, scene_path)
+    return ActorChoices(actors, {uid: names[uid] for uid in actors}, log_path, scene_path)
 
 
 def header_of(scene_path: Path) -> Any:
@@ -79,7 +79,7 @@ def header_of(scene_path: Path) -> Any:
     return _headers[scene_path][1]
 
 
-def listed(choice: Choice, group: str) -> list[str]:
+def listed(choice: ActorChoices, group: str) -> list[str]:
     """Return the ids of the actors of a group, or of "ALL", in the order of their names."""
     uids = [uid for uid, actor in choice.actors.items() if group in ("ALL", group_of(actor.label))]
     return sorted(uids, key=lambda uid: natural(choice.names[uid]))
@@ -111,7 +111,7 @@ def lasting(text: str) -> str:
     return _texts.setdefault(text, text)
 
 
-def icon_of(choice: Choice, uid: str) -> int:
+def icon_of(choice: ActorChoices, uid: str) -> int:
     """Return an actor's thumbnail."""
     return thumbnails.icon_of(choice.log_path, uid, choice.scene_path)
 
@@ -215,12 +215,19 @@ def other_page(self: bpy.types.OperatorProperties, context: bpy.types.Context) -
         self.appearance = first
 
 
-class UNISIM_OT_replace_appearance(_Chooses, bpy.types.Operator):
+def no_mesh(context: bpy.types.Context) -> Need:
+    """No mesh actor is selected."""
+    plain = not any(obj.unisim.mesh for obj in chosen(context, "ACTOR"))
+    return plain, "Mesh actors keep their own appearance: select recorded actors only"
+
+
+class UNISIM_OT_replace_appearance(Needing, _Chooses, bpy.types.Operator):
     """Replace the appearance and the box of the selected actors by those of another actor, on the same trajectory"""
 
     bl_idname = "unisim.replace_appearance"
     bl_label = "Replace Appearance"
     bl_options = {"REGISTER", "UNDO"}
+    needs = (object_mode, selected("Select an actor first", "ACTOR"), no_mesh)
 
     scene: StringProperty(
         name="Trained scene",
@@ -230,17 +237,6 @@ class UNISIM_OT_replace_appearance(_Chooses, bpy.types.Operator):
     group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
     page: IntProperty(name="Page", description="Page that is shown; 0 for all at once", min=0, update=other_page)
     appearance: EnumProperty(name="Appearance", description="Actor whose appearance is used", items=appearances)
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """An actor has to be selected; mesh actors keep their own appearance."""
-        plain = not any(obj.unisim.mesh for obj in chosen(context, "ACTOR"))
-        return allowed(
-            cls,
-            object_mode(context),
-            selected(context, "Select an actor first", "ACTOR"),
-            (plain, "Mesh actors keep their own appearance: select recorded actors only"),
-        )
 
     def folder(self) -> str:
         """As the property has it."""
@@ -274,12 +270,13 @@ class UNISIM_OT_replace_appearance(_Chooses, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_insert_actor(_Chooses, bpy.types.Operator):
+class UNISIM_OT_insert_actor(Needing, _Chooses, bpy.types.Operator):
     """Insert an actor of the drive or of a trained scene at the 3D cursor"""
 
     bl_idname = "unisim.insert_actor"
     bl_label = "Insert Actor"
     bl_options = {"REGISTER", "UNDO"}
+    needs = (object_mode, drive)
 
     filepath: StringProperty(
         name="Trained scene", description="Folder or scene.json of the trained scene; empty for the drive",
@@ -294,11 +291,6 @@ class UNISIM_OT_insert_actor(_Chooses, bpy.types.Operator):
     group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
     page: IntProperty(name="Page", description="Page that is shown; 0 for all at once", min=0, update=other_page)
     appearance: EnumProperty(name="Actor", description="Actor to insert", items=inserted)
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there."""
-        return allowed(cls, object_mode(context), drive(context))
 
     def folder(self) -> str:
         """Of the file that was chosen."""
@@ -338,19 +330,15 @@ class UNISIM_OT_insert_actor(_Chooses, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_insert_from(bpy.types.Operator, ImportHelper):
+class UNISIM_OT_insert_from(Needing, bpy.types.Operator, ImportHelper):
     """Choose another trained scene, and insert one of its actors at the 3D cursor"""
 
     bl_idname = "unisim.insert_from"
     bl_label = "Insert from Another Scene"
     bl_options = {"INTERNAL"}
+    needs = (object_mode, drive)
 
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there."""
-        return allowed(cls, object_mode(context), drive(context))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Show that scene's actors."""

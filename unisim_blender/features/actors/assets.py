@@ -19,7 +19,7 @@ from ...editing.sampled.source import DriveSource
 from ...preferences import device, interpreter
 from ...process.client import client
 from ...translations import message
-from ..in_steps import reporting
+from ..operator_bases import reporting
 
 POLL_S = 0.1
 TAG = "UniSim"

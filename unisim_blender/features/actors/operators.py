@@ -13,7 +13,7 @@ from ...bridge.window import allowed, choose, chosen, drive, object_mode, refres
 from ...core.errors import UnisimError
 from ...editing.sampled.scene import rigid
 from ...translations import message
-from ..in_steps import reporting
+from ..operator_bases import Needing, reporting
 
 LANE_M = 3.5
 GAP_M = 0.6
@@ -27,22 +27,18 @@ PLACES = (
 )
 
 
-class UNISIM_OT_duplicate_actor(bpy.types.Operator):
+class UNISIM_OT_duplicate_actor(Needing, bpy.types.Operator):
     """Duplicate the selected actors with their trajectories"""
 
     bl_idname = "unisim.duplicate_actor"
     bl_label = "Duplicate Actor"
     bl_options = {"REGISTER", "UNDO"}
+    needs = (object_mode, selected("Select an actor first", "ACTOR"))
 
     where: EnumProperty(name="Where", description="Location of the copies", items=PLACES, default="LANE_LEFT")
     lane_m: FloatProperty(
         name="Lane width", description="Distance to the next lane", default=LANE_M, min=0.5, soft_max=6.0, unit="LENGTH"
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """An actor has to be selected."""
-        return allowed(cls, object_mode(context), selected(context, "Select an actor first", "ACTOR"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Copy each and put the copy where it was asked for."""
@@ -61,18 +57,13 @@ class UNISIM_OT_duplicate_actor(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_delete_actor(bpy.types.Operator):
+class UNISIM_OT_delete_actor(Needing, bpy.types.Operator):
     """Delete the selected actors and static items from all images and sweeps"""
 
     bl_idname = "unisim.delete_actor"
     bl_label = "Delete Actor"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """An actor or a static item has to be selected."""
-        needed = selected(context, "Select an actor or a static item first", "ACTOR", "STATIC")
-        return allowed(cls, object_mode(context), needed)
+    needs = (object_mode, selected("Select an actor or a static item first", "ACTOR", "STATIC"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """As X does."""
@@ -104,12 +95,13 @@ def marked_above(obj: bpy.types.Object) -> bool:
     return False
 
 
-class UNISIM_OT_mesh_actor(bpy.types.Operator):
+class UNISIM_OT_mesh_actor(Needing, bpy.types.Operator):
     """Use the selected mesh objects and their children as actors, which cameras and LiDARs see"""
 
     bl_idname = "unisim.mesh_actor"
     bl_label = "Use Mesh as Actor"
     bl_options = {"REGISTER", "UNDO"}
+    needs = (object_mode, drive, selected("Select a mesh object that is not part of the drive yet", "NONE"))
 
     label: StringProperty(
         name="Class",
@@ -117,12 +109,6 @@ class UNISIM_OT_mesh_actor(bpy.types.Operator):
         default="Car",
     )
     forward: EnumProperty(name="Points along", description="Forward direction of the object", items=DIRECTIONS)
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """An object that is nothing of the drive yet has to be selected."""
-        needed = selected(context, "Select a mesh object that is not part of the drive yet", "NONE")
-        return allowed(cls, object_mode(context), drive(context), needed)
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -158,12 +144,13 @@ class UNISIM_OT_release_mesh(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_mark_static(bpy.types.Operator):
+class UNISIM_OT_mark_static(Needing, bpy.types.Operator):
     """Mark a static item: the bounding box of the selected active mesh, or a new box at the 3D cursor"""
 
     bl_idname = "unisim.mark_static"
     bl_label = "Mark Static Item"
     bl_options = {"REGISTER", "UNDO"}
+    needs = (object_mode, drive)
 
     size_m: FloatVectorProperty(
         name="Size",
@@ -173,11 +160,6 @@ class UNISIM_OT_mark_static(bpy.types.Operator):
         subtype="XYZ_LENGTH",
         unit="LENGTH",
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there."""
-        return allowed(cls, object_mode(context), drive(context))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Take the mesh's place, or the cursor's."""
@@ -198,17 +180,13 @@ class UNISIM_OT_mark_static(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_copy_static(bpy.types.Operator):
+class UNISIM_OT_copy_static(Needing, bpy.types.Operator):
     """Copy the selected static items to the 3D cursor"""
 
     bl_idname = "unisim.copy_static"
     bl_label = "Copy Static Item"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A static item has to be selected."""
-        return allowed(cls, object_mode(context), selected(context, "Select a static item first", "STATIC"))
+    needs = (object_mode, selected("Select a static item first", "STATIC"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Several keep their places to each other."""
@@ -222,17 +200,13 @@ class UNISIM_OT_copy_static(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_forget_static(bpy.types.Operator):
+class UNISIM_OT_forget_static(Needing, bpy.types.Operator):
     """Remove the marks of the selected static items; the scene itself stays unchanged"""
 
     bl_idname = "unisim.forget_static"
     bl_label = "Unmark Static Item"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A static item has to be selected."""
-        return allowed(cls, object_mode(context), selected(context, "Select a static item first", "STATIC"))
+    needs = (object_mode, selected("Select a static item first", "STATIC"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """With all copies of each."""

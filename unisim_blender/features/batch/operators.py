@@ -15,21 +15,21 @@ from bpy.props import EnumProperty, IntProperty
 from ...bridge.changes.variants import variants_of
 from ...bridge.objects.imported import source_of
 from ...bridge.objects.settings import output_sensors
-from ...bridge.window import Need, allowed, drive, folder_on_disk, idle
+from ...bridge.window import Need, allowed, drive, folder_on_disk
 from ...core.errors import UnisimError
 from ...core.scenario import scenario_to_json
 from ...core.scenario.types import Scenario
 from ...editing.edits.variants import file_names
 from ...editing.simulation.menus import renderer_options
 from ...editing.simulation.stated import as_simulated
-from ...editing.simulation.sweeps import Field, fields_of, sweep_document, write_jobs
+from ...editing.simulation.sweeps import ScenarioField, fields_of, sweep_document, write_jobs
 from ...editing.texts import free_name
 from ...preferences import device, interpreter
-from ...process.background import launch, running
+from ...process.background import launch
 from ...process.tasks import Task
 from ...translations import message
 from ..drive.export_operators import scenario_of
-from ..in_steps import in_thread
+from ..operator_bases import Needing, in_thread, nothing_runs
 from ..output.operators import MIN_WIDTH
 from ..simulation.operators import Simulates
 from ..simulation.properties import driver_of
@@ -87,7 +87,7 @@ class BatchTask(Task):
 
 
 REPORT = "report.html"
-_fields: list[Field] = []
+_fields: list[ScenarioField] = []
 """Fields that the menu offers; Blender does not keep what it shows."""
 _items: list[tuple[str, str, str]] = []
 
@@ -152,7 +152,7 @@ class UNISIM_OT_submit_batch(Simulates, bpy.types.Operator):
             (marked(context.scene), "Mark a variant in the list first"),
             place_known(context),
             is_driven(context),
-            idle(running),
+            nothing_runs(context),
         )
 
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
@@ -200,20 +200,16 @@ def field_items(self: bpy.types.Operator, context: bpy.types.Context) -> list[tu
     return _items or [("", "None", "")]
 
 
-class UNISIM_OT_add_parameter(bpy.types.Operator):
+class UNISIM_OT_add_parameter(Needing, bpy.types.Operator):
     """Add a parameter: a field of the scenario that the batch fills with several values"""
 
     bl_idname = "unisim.add_parameter"
     bl_label = "Add Parameter"
     bl_options = {"REGISTER", "UNDO"}
     bl_property = "at"
+    needs = (drive,)
 
     at: EnumProperty(name="Field", description="Field of the scenario", items=field_items, options={"SKIP_SAVE"})
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there."""
-        return allowed(cls, drive(context))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Read the scenario and offer its fields."""

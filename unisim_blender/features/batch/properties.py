@@ -14,7 +14,6 @@ from bpy.props import (
 )
 
 from ...editing.simulation.sweeps import Parameter, parsed_values
-from ...registering import add, take_away
 from ..drive.properties import RELATIVE
 
 KINDS = (
@@ -74,15 +73,4 @@ def _parameter(item: Any) -> Parameter:
 
 
 CLASSES = (UniSimParameter, UniSimBatch)
-
-
-def register() -> None:
-    """Add the properties."""
-    add(CLASSES)
-    bpy.types.Scene.unisim_batch = PointerProperty(type=UniSimBatch)
-
-
-def unregister() -> None:
-    """Take them away again; files keep what they hold."""
-    del bpy.types.Scene.unisim_batch
-    take_away(CLASSES)
+PROPERTIES = ((bpy.types.Scene, "unisim_batch", PointerProperty(type=UniSimBatch)),)

@@ -22,9 +22,8 @@ from ...editing.sampled.scene import Sampled
 from ...editing.sampled.source import DriveSource
 from ...editing.simulation.continued import as_driven, open_driven
 from ...editing.simulation.rollouts import SCENARIO
-from ...registering import add, take_away
 from ...translations import message
-from ..in_steps import InSteps, in_thread
+from ..operator_bases import InSteps, Needing, in_thread
 
 
 @dataclass(frozen=True)
@@ -118,20 +117,16 @@ class ReadsScenes(InSteps):
         return (yield from scenario_steps(scene, path, start_s))
 
 
-class UNISIM_OT_export_scenario(ReadsScenes, bpy.types.Operator, ExportHelper):
+class UNISIM_OT_export_scenario(Needing, ReadsScenes, bpy.types.Operator, ExportHelper):
     """Write the edits of the scene to a scenario file for the command unisim render"""
 
     bl_idname = "unisim.export_scenario"
     bl_label = "Export Scenario"
     bl_options = {"REGISTER"}
+    needs = (drive,)
 
     filename_ext = ".json"
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there."""
-        return allowed(cls, drive(context))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for the file."""
@@ -174,15 +169,4 @@ def draw_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
 
 
 CLASSES = (UNISIM_OT_export_scenario, UNISIM_OT_use_frame_range)
-
-
-def register() -> None:
-    """Add the operator and its line in the menu."""
-    add(CLASSES)
-    bpy.types.TOPBAR_MT_file_export.append(draw_menu)
-
-
-def unregister() -> None:
-    """Take them away."""
-    bpy.types.TOPBAR_MT_file_export.remove(draw_menu)
-    take_away(CLASSES)
+MENUS = ((bpy.types.TOPBAR_MT_file_export, draw_menu),)

@@ -35,10 +35,10 @@ from ...editing.simulation.rollouts import (
     read_scores,
 )
 from ...editing.texts import counted, series
-from ...registering import add, take_away
+from ...registering import add
 from ...translations import localized, message
 from ...viewport.view_types import follow_soon
-from ..in_steps import InSteps, in_thread
+from ..operator_bases import InSteps, Needing, in_thread
 
 FAR_M = 2000.0
 """Clipping distance of views, in metres: a drive is longer than Blender's 100 m."""
@@ -162,7 +162,9 @@ class UNISIM_OT_import_scene(_ImportDrive, bpy.types.Operator):
 class _ImportScenario(_ImportDrive):
     """Base of importers of a scenario's drive; that of a rollout gets markers, too."""
 
-    def bring_in_edited(self: Any, context: bpy.types.Context, opened: Opened) -> Generator[str | None, None, None]:
+    def bring_in_edited(
+        self: Any, context: bpy.types.Context, opened: ImportedScenario
+    ) -> Generator[str | None, None, None]:
         """Import an opened scenario's drive, then edit it."""
         scenario, source, edited, driven = opened
         yield from self.bring_in(context, source)
@@ -197,21 +199,17 @@ class UNISIM_OT_import_scenario(_ImportScenario, bpy.types.Operator):
         yield from self.bring_in_edited(context, opened)
 
 
-class UNISIM_OT_open_rollout(_ImportScenario, bpy.types.Operator):
+class UNISIM_OT_open_rollout(Needing, _ImportScenario, bpy.types.Operator):
     """Open a rollout's folder: the drive as driven, its collisions as markers, the plans of its driver"""
 
     bl_idname = "unisim.open_rollout"
     bl_label = "Open Rollout"
     bl_options = {"REGISTER"}
+    needs = (object_mode,)
 
     directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
     filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """The window has to be in Object Mode."""
-        return allowed(cls, object_mode(context))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for the folder, unless it was named."""
@@ -232,11 +230,11 @@ class UNISIM_OT_open_rollout(_ImportScenario, bpy.types.Operator):
         yield from self.bring_in_edited(context, opened)
 
 
-Opened = tuple[Scenario, DriveSource, Drive, RolloutTimes | None]
+ImportedScenario = tuple[Scenario, DriveSource, Drive, RolloutTimes | None]
 """A scenario, its drive as it was recorded and as it is edited, and the rollout that left it, if one did."""
 
 
-def opened_scenario(path: Path) -> Opened:
+def opened_scenario(path: Path) -> ImportedScenario:
     """Open a scenario and what it is of. Raises `UnisimError`."""
     scenario = load_scenario(path)
     source = open_source(str(scenario.log_path), str(scenario.scene_path or ""))
@@ -340,6 +338,7 @@ CLASSES = (
     UNISIM_OT_recorded_colours,
     UNISIM_FH_json,
 )
+MENUS = ((bpy.types.TOPBAR_MT_file_import, draw_menu),)
 
 
 def file_extensions() -> str:
@@ -349,15 +348,8 @@ def file_extensions() -> str:
 
 
 def register() -> None:
-    """Add the operators and their lines in the menu. Readers of other packages are looked for anew."""
+    """Add the operators. Readers of other packages are looked for anew."""
     importlib.invalidate_caches()  # the folder that they are in may not have been there when Blender started
     READERS.forget_plugins()
     UNISIM_FH_json.bl_file_extensions = file_extensions()
     add(CLASSES)
-    bpy.types.TOPBAR_MT_file_import.append(draw_menu)
-
-
-def unregister() -> None:
-    """Take them away."""
-    bpy.types.TOPBAR_MT_file_import.remove(draw_menu)
-    take_away(CLASSES)

@@ -13,8 +13,6 @@ from bpy.props import (
     StringProperty,
 )
 
-from ...registering import add, take_away
-
 KINDS = (
     ("NONE", "None", "Not part of a drive"),
     ("EGO", "Ego vehicle", "Vehicle that recorded the drive"),
@@ -217,23 +215,16 @@ class UniSimScene(bpy.types.PropertyGroup):
 
 
 CLASSES = (UniSimObject, UniSimItem, UniSimWarning, UniSimCheck, UniSimScene)
-
-
-def register() -> None:
-    """Add the properties to Blender's objects, scenes and window manager."""
-    add(CLASSES)
-    bpy.types.Object.unisim = PointerProperty(type=UniSimObject)
-    bpy.types.Scene.unisim = PointerProperty(type=UniSimScene)
-    bpy.types.Scene.unisim_check = PointerProperty(type=UniSimCheck)
-    bpy.types.WindowManager.unisim_renderer = StringProperty(description="Result of the last test of the renderer")
-    bpy.types.WindowManager.unisim_task = StringProperty(description="Progress of the background task")
-    bpy.types.WindowManager.unisim_progress = FloatProperty(subtype="FACTOR", min=0.0, max=1.0)
-    bpy.types.WindowManager.unisim_points = StringProperty(description="Progress or error of simulated LiDAR points")
-
-
-def unregister() -> None:
-    """Take them away again; files keep what they hold."""
-    manager = bpy.types.WindowManager
-    del manager.unisim_points, manager.unisim_progress, manager.unisim_task, manager.unisim_renderer
-    del bpy.types.Scene.unisim_check, bpy.types.Scene.unisim, bpy.types.Object.unisim
-    take_away(CLASSES)
+PROPERTIES = (
+    (bpy.types.Object, "unisim", PointerProperty(type=UniSimObject)),
+    (bpy.types.Scene, "unisim", PointerProperty(type=UniSimScene)),
+    (bpy.types.Scene, "unisim_check", PointerProperty(type=UniSimCheck)),
+    (bpy.types.WindowManager, "unisim_renderer", StringProperty(description="Result of the last test of the renderer")),
+    (bpy.types.WindowManager, "unisim_task", StringProperty(description="Progress of the background task")),
+    (bpy.types.WindowManager, "unisim_progress", FloatProperty(subtype="FACTOR", min=0.0, max=1.0)),
+    (
+        bpy.types.WindowManager,
+        "unisim_points",
+        StringProperty(description="Progress or error of simulated LiDAR points"),
+    ),
+)

@@ -11,27 +11,24 @@ from bpy.props import IntProperty, StringProperty
 from ...bridge.changes.muting import drop, mute, revert, unmute
 from ...bridge.objects.imported import source_of
 from ...bridge.sampling.edit_list import read_now, reading_of
-from ...bridge.window import allowed, choose, drive, object_mode
+from ...bridge.window import choose, drive, object_mode
 from ...core.errors import UnisimError
 from ...editing.edits.lines import EditLine, conflicting, nearest_frame
 from ...editing.sampled.clock import Clock
 from ...editing.texts import series
 from ...translations import localized, message, tooltip
-from ..in_steps import reporting
+from ..operator_bases import Needing, reporting
 
 
-class _OfEdit:
+class _OfEdit(Needing):
     """An operator on one line of the list."""
+
+    needs = (object_mode, drive)
 
     kind: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
     name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
     part: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
     muted: IntProperty(default=-1, options={"HIDDEN", "SKIP_SAVE"})
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there."""
-        return allowed(cls, object_mode(context), drive(context))
 
     def line(self: Any, context: bpy.types.Context) -> EditLine:
         """The line as the scene has it now. Raises `UnisimError`."""

@@ -11,8 +11,6 @@ from bpy.props import (
     StringProperty,
 )
 
-from ...registering import add, take_away
-
 
 class UniSimMuted(bpy.types.PropertyGroup):
     """A muted edit. ``parked`` is the object with the edit, in no scene; None if the edit removes an object, or
@@ -48,20 +46,12 @@ class UniSimEdits(bpy.types.PropertyGroup):
 
 
 CLASSES = (UniSimMuted, UniSimEdits)
-
-
-def register() -> None:
-    """Add the properties."""
-    add(CLASSES)
-    bpy.types.Scene.unisim_edits = PointerProperty(type=UniSimEdits)
-    bpy.types.WindowManager.unisim_edits_page = IntProperty(min=0, options={"SKIP_SAVE"})
-    bpy.types.WindowManager.unisim_compared = StringProperty(
-        description="The variant that the active one is compared with"
-    )
-
-
-def unregister() -> None:
-    """Take them away again; files keep what they hold."""
-    del bpy.types.WindowManager.unisim_compared, bpy.types.WindowManager.unisim_edits_page
-    del bpy.types.Scene.unisim_edits
-    take_away(CLASSES)
+PROPERTIES = (
+    (bpy.types.Scene, "unisim_edits", PointerProperty(type=UniSimEdits)),
+    (bpy.types.WindowManager, "unisim_edits_page", IntProperty(min=0, options={"SKIP_SAVE"})),
+    (
+        bpy.types.WindowManager,
+        "unisim_compared",
+        StringProperty(description="The variant that the active one is compared with"),
+    ),
+)

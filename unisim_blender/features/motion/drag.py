@@ -29,6 +29,7 @@ from ...editing.sampled.clock import Clock
 from ...editing.sensors.mounts import angles
 from ...editing.texts import Text, translatable
 from ...translations import interface, localized, tooltip
+from ..operator_bases import Needing
 
 CLICK_PX = 3
 """Moving the mouse by less is a click, which is meant for what lies under the gizmo."""
@@ -39,6 +40,19 @@ TARGET_M = 5.0
 """Distance of the handle that turns a sensor from it, in metres."""
 VIEW_AXIS = Vector((0.0, 0.0, 1.0))
 """Out of the screen, in a view's axes."""
+
+
+def moving_actor(context: bpy.types.Context) -> Need:
+    """An actor with a trajectory is active."""
+    obj = context.active_object
+    met = obj is not None and obj.unisim.kind == "ACTOR" and trajectory_of(obj) is not None
+    return met, "Make a moving actor active first: use G for actors that do not move"
+
+
+def active_sensor(context: bpy.types.Context) -> Need:
+    """A camera or a LiDAR of the drive is active."""
+    obj = context.active_object
+    return obj is not None and obj.unisim.kind in ("CAMERA", "LIDAR"), "Make a camera or a LiDAR active first"
 
 
 class Dragged:
@@ -115,18 +129,14 @@ class Dragged:
         self.put_back(context)
 
 
-class UNISIM_OT_drag_ego(Dragged, bpy.types.Operator):
+class UNISIM_OT_drag_ego(Needing, Dragged, bpy.types.Operator):
     """Drag the ego vehicle with its sensors sideways into another lane, alike at every time"""
 
     bl_idname = "unisim.drag_ego"
     bl_label = "Shift Ego Lane"
+    needs = (object_mode, vehicle)
 
     left_m: FloatProperty(name="Left", description="Negative: to the right", unit="LENGTH", options={"SKIP_SAVE"})
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """The vehicle has to be there."""
-        return allowed(cls, object_mode(context), vehicle(context))
 
     def subject(self, context: bpy.types.Context) -> bpy.types.Object:
         """Return the vehicle."""
@@ -153,7 +163,7 @@ class UNISIM_OT_drag_ego(Dragged, bpy.types.Operator):
         return Text("Shift ego lane: {shift}", shift=shift)
 
 
-class UNISIM_OT_drag_trajectory(Dragged, bpy.types.Operator):
+class UNISIM_OT_drag_trajectory(Needing, Dragged, bpy.types.Operator):
     """Drag the active actor's trajectory in the ground plane."""
 
     bl_idname = "unisim.drag_trajectory"
@@ -162,6 +172,7 @@ class UNISIM_OT_drag_trajectory(Dragged, bpy.types.Operator):
         "Drag the active actor's trajectory at this time in the ground plane; "
         "the change blends in and out over two seconds"
     )
+    needs = (object_mode, moving_actor)
 
     time_s: FloatProperty(name="At", description="In seconds of the log", unit="TIME_ABSOLUTE", options={"SKIP_SAVE"})
     offset_m: FloatVectorProperty(
@@ -180,11 +191,6 @@ class UNISIM_OT_drag_trajectory(Dragged, bpy.types.Operator):
             "Drag to displace {name} at {time} in the ground plane; the change blends in and out over 2 s on both sides",
             name=name, time=when,
         )  # fmt: skip
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A moving actor has to be active."""
-        return allowed(cls, object_mode(context), moving_actor(context))
 
     def begin(self, context: bpy.types.Context) -> None:
         """Note the place of the handle."""
@@ -292,19 +298,6 @@ def target_of(obj: bpy.types.Object) -> FloatArray:
     yaw, pitch = direction_of(obj)
     ahead = np.array([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)])
     return np.array(obj.matrix_world.translation, float) + TARGET_M * base_of(obj) @ ahead
-
-
-def moving_actor(context: bpy.types.Context) -> Need:
-    """An actor with a trajectory is active."""
-    obj = context.active_object
-    met = obj is not None and obj.unisim.kind == "ACTOR" and trajectory_of(obj) is not None
-    return met, "Make a moving actor active first: use G for actors that do not move"
-
-
-def active_sensor(context: bpy.types.Context) -> Need:
-    """A camera or a LiDAR of the drive is active."""
-    obj = context.active_object
-    return obj is not None and obj.unisim.kind in ("CAMERA", "LIDAR"), "Make a camera or a LiDAR active first"
 
 
 def ray(context: bpy.types.Context, mouse: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -23,7 +23,6 @@ from ...core.errors import UnisimError
 from ...editing.layout.shapes import INNER, arrow, disc
 from ...editing.motion.keys import HANDLE_LIMIT, Handle
 from ...editing.sampled.clock import Clock
-from ...registering import add, take_away
 from .drag import TARGET_M, active_sensor, moving_actor, target_of
 
 HANDLE, TARGET = 0.09, 0.11
@@ -262,15 +261,4 @@ def draw_switches(self: bpy.types.Panel, context: bpy.types.Context) -> None:
 
 GROUPS = (UNISIM_GGT_lane, UNISIM_GGT_trajectory, UNISIM_GGT_aim)
 CLASSES = (UNISIM_GT_dot, UNISIM_GT_arrow, *GROUPS)
-
-
-def register() -> None:
-    """Add the gizmos, and their switches in the popover."""
-    add(CLASSES)
-    bpy.types.VIEW3D_PT_gizmo_display.append(draw_switches)
-
-
-def unregister() -> None:
-    """Take them away."""
-    bpy.types.VIEW3D_PT_gizmo_display.remove(draw_switches)
-    take_away(CLASSES)
+MENUS = ((bpy.types.VIEW3D_PT_gizmo_display, draw_switches),)

@@ -15,7 +15,7 @@ from ...editing.motion.retiming import Retiming, followed, followed_briefly, lat
 from ...editing.sampled.clock import Clock
 from ...editing.texts import series
 from ...translations import localized, message
-from ..in_steps import reporting
+from ..operator_bases import Needing, reporting
 
 
 class UNISIM_OT_follow_curve(bpy.types.Operator):
@@ -37,7 +37,7 @@ class UNISIM_OT_follow_curve(bpy.types.Operator):
         """Actors and one curve have to be selected."""
         curves = [obj for obj in context.selected_objects if obj.type == "CURVE"]
         curve = len(curves) == 1, "Select one curve in addition to the actors (Add > Curve)"
-        return allowed(cls, object_mode(context), selected(context, "Select an actor first", "ACTOR"), curve)
+        return allowed(cls, object_mode(context), selected("Select an actor first", "ACTOR")(context), curve)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the speed, and how long the curve takes at it in seconds and frames."""
@@ -72,18 +72,13 @@ class UNISIM_OT_follow_curve(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_snap_to_ground(bpy.types.Operator):
+class UNISIM_OT_snap_to_ground(Needing, bpy.types.Operator):
     """Place the selected actors and static items on the ground below them, at the current frame"""
 
     bl_idname = "unisim.snap_to_ground"
     bl_label = "Snap to Ground"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Something has to be selected."""
-        needed = selected(context, "Select an actor or a static item first", "ACTOR", "STATIC")
-        return allowed(cls, object_mode(context), needed)
+    needs = (object_mode, selected("Select an actor or a static item first", "ACTOR", "STATIC"))
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -110,12 +105,13 @@ MODES = (
 NEEDED = {"DELAY": ("seconds",), "SPEED": ("speed",), "STOP": ("seconds",), "STRETCH": ("first_s", "last_s", "speed")}
 
 
-class UNISIM_OT_retime_actor(bpy.types.Operator):
+class UNISIM_OT_retime_actor(Needing, bpy.types.Operator):
     """Change when the selected actors are where on their trajectories"""
 
     bl_idname = "unisim.retime_actor"
     bl_label = "Retime Actor"
     bl_options = {"REGISTER", "UNDO"}
+    needs = (object_mode, selected("Select an actor first", "ACTOR"))
 
     mode: EnumProperty(name="Mode", description="Kind of time change", items=MODES, default="DELAY")
     seconds: FloatProperty(
@@ -129,11 +125,6 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
         name="From", description="Start time, in seconds of the log", default=0.0, unit="TIME_ABSOLUTE"
     )
     last_s: FloatProperty(name="To", description="End time, in seconds of the log", default=2.0, unit="TIME_ABSOLUTE")
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """An actor has to be selected."""
-        return allowed(cls, object_mode(context), selected(context, "Select an actor first", "ACTOR"))
 
     def draw(self, context: bpy.types.Context) -> None:
         """Show what the chosen mode needs, in seconds and in frames."""
@@ -171,12 +162,13 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_shift_actor(bpy.types.Operator):
+class UNISIM_OT_shift_actor(Needing, bpy.types.Operator):
     """Shift the selected actors sideways, along the path of their trajectory and in time, alike at every time"""
 
     bl_idname = "unisim.shift_actor"
     bl_label = "Shift Actor"
     bl_options = {"REGISTER", "UNDO"}
+    needs = (object_mode, selected("Select an actor first", "ACTOR"))
 
     left_m: FloatProperty(
         name="Sideways",
@@ -203,11 +195,6 @@ class UNISIM_OT_shift_actor(bpy.types.Operator):
         soft_max=10.0,
         unit="TIME_ABSOLUTE",
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """An actor has to be selected."""
-        return allowed(cls, object_mode(context), selected(context, "Select an actor first", "ACTOR"))
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the three amounts, and how many frames the seconds are."""

@@ -9,16 +9,16 @@ from bpy.props import EnumProperty
 
 from ...bridge.objects.imported import source_of
 from ...bridge.objects.settings import output_sensors, rendered_keys
-from ...bridge.window import Need, allowed, drive, folder_on_disk, idle
+from ...bridge.window import Need, allowed, drive, folder_on_disk
 from ...core.errors import UnisimError
 from ...editing.images.rendered import RenderedFrames, player_command, rendered_cameras
 from ...editing.reading.scenario import write_scenario
 from ...preferences import device, interpreter
-from ...process.background import launch, running
+from ...process.background import launch
 from ...process.tasks import SequenceTask
 from ...translations import message
 from ..drive.export_operators import ReadsScenes
-from ..in_steps import AtOnce, in_thread, reporting
+from ..operator_bases import AtOnce, Needing, in_thread, nothing_runs, reporting
 
 SCENARIO = "scenario.json"
 MIN_WIDTH = 8
@@ -49,17 +49,13 @@ def render_arguments(scene: bpy.types.Scene, folder: Path, sensors: list[str] | 
     return arguments + (["--width", str(max(MIN_WIDTH, width))] if width else [])
 
 
-class UNISIM_OT_render_sequence(AtOnce, ReadsScenes, bpy.types.Operator):
+class UNISIM_OT_render_sequence(Needing, AtOnce, ReadsScenes, bpy.types.Operator):
     """Render the sensors over the frame range into the output folder, in the background; finished frames are kept"""
 
     bl_idname = "unisim.render_sequence"
     bl_label = "Render Sequence"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there, and nothing else be running."""
-        return allowed(cls, drive(context), idle(running))
+    needs = (drive, nothing_runs)
 
     def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Write the scenario beside the frames and start the command line on it."""

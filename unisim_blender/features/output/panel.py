@@ -7,7 +7,6 @@ import bpy
 from ...bridge.objects.settings import captures_stated
 from ...editing.reading.scenario import captures_words
 from ...process.background import newest, owner
-from ...registering import add, take_away
 from ...translations import interface, localized
 from ..sidebar import DrivePanel, Sidebar, settings_column
 from .operators import results_of
@@ -124,15 +123,4 @@ def draw_quality(self: bpy.types.Header, context: bpy.types.Context) -> None:
 
 
 CLASSES = (UNISIM_PT_output, UNISIM_PT_passes, UNISIM_PT_render)
-
-
-def register() -> None:
-    """Add the panels and the quality in the view's header."""
-    add(CLASSES)
-    bpy.types.VIEW3D_HT_header.append(draw_quality)
-
-
-def unregister() -> None:
-    """Take them away."""
-    bpy.types.VIEW3D_HT_header.remove(draw_quality)
-    take_away(CLASSES)
+MENUS = ((bpy.types.VIEW3D_HT_header, draw_quality),)

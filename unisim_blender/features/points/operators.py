@@ -11,16 +11,16 @@ from ...bridge.objects.imported import source_of
 from ...bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.views.points import hide_points, put_points, put_recorded
-from ...bridge.window import allowed, drive, redraw
+from ...bridge.window import drive, redraw
 from ...core.errors import UnisimError
 from ...editing.layout.shapes import RECORDED, SIMULATED
 from ...editing.reading.requests import lidar_request
 from ...editing.sampled.clock import Clock
-from ...editing.sensors.mounts import Recorded, recorded_returns
+from ...editing.sensors.mounts import RecordedReturns, recorded_returns
 from ...preferences import device, interpreter
 from ...process.client import Client, Request, client, progress_line
 from ...registering import add, take_away
-from ..in_steps import reporting
+from ..operator_bases import Needing, reporting
 
 POLL_S = 0.1
 EDIT_S = 0.4
@@ -29,7 +29,7 @@ READ_S = 0.02
 """Between two looks whether recorded points have been read."""
 reader = ThreadPoolExecutor(1, thread_name_prefix="unisim-points")
 """Reads one frame at a time."""
-reading: dict[str, Future[list[Recorded]]] = {}
+reading: dict[str, Future[list[RecordedReturns]]] = {}
 """Recorded points that are being read, by scene: those of the newest frame."""
 waiting: dict[tuple[str, str], tuple[Client, Request]] = {}
 """Sweeps that were asked for, by scene and LiDAR."""
@@ -166,20 +166,16 @@ def update(scene: bpy.types.Scene) -> None:
         asked.clear()
 
 
-class UNISIM_OT_show_points(bpy.types.Operator):
+class UNISIM_OT_show_points(Needing, bpy.types.Operator):
     """Show recorded LiDAR points, simulated LiDAR points, or both"""
 
     bl_idname = "unisim.show_points"
     bl_label = "Show LiDAR Points"
     bl_options = {"REGISTER", "UNDO"}
+    needs = (drive,)
 
     recorded: bpy.props.BoolProperty(name="Recorded", description="Show recorded points", default=True)
     simulated: bpy.props.BoolProperty(name="Simulated", description="Show simulated points", default=False)
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there."""
-        return allowed(cls, drive(context))
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:

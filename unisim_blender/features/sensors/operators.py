@@ -12,14 +12,14 @@ from ...bridge.importing.drive import fit_resolution
 from ...bridge.importing.rig_presets import free_name, look_ahead, show_sensor
 from ...bridge.objects.imported import collection_of, imported_objects, source_of
 from ...bridge.objects.sensors import set_model
-from ...bridge.window import allowed, choose, chosen, object_mode, refresh, selected, vehicle
+from ...bridge.window import choose, chosen, object_mode, refresh, selected, vehicle
 from ...core.errors import UnisimError
 from ...core.sensors.beam_tables import BEAM_TABLES
 from ...core.world.drive import CameraModel, LidarModel
 from ...editing.layout.shapes import DISPLAY_M
 from ...editing.sensors.mounts import lidar_json, own_table
 from ...translations import message
-from ..in_steps import reporting
+from ..operator_bases import Needing, reporting
 
 OWN = "OWN"
 OWN_TABLE = "15, 10, 5, 2, 0, -2, -4, -7, -10, -15"
@@ -47,26 +47,18 @@ def give_name(scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
         obj.name = free_name(scene, source_of(scene).drive, wanted, obj.name)
 
 
-class _OnVehicle:
+class _OnVehicle(Needing):
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """The vehicle has to be there."""
-        return allowed(cls, object_mode(context), vehicle(context))
+    needs = (object_mode, vehicle)
 
 
-class _OfSensor:
+class _OfSensor(Needing):
     """An operator that a sensor's row in the list has."""
 
     bl_options = {"REGISTER", "UNDO"}
+    needs = (object_mode, vehicle)
 
     name: StringProperty(name="Sensor", options={"HIDDEN"})
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """The vehicle has to be there."""
-        return allowed(cls, object_mode(context), vehicle(context))
 
     def sensor(self: Any, context: bpy.types.Context) -> bpy.types.Object | None:
         """The sensor of that name; None, with a report, where there is none."""
@@ -211,17 +203,13 @@ class UNISIM_OT_add_lidar(_OnVehicle, _Beams, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_set_beams(_Beams, bpy.types.Operator):
+class UNISIM_OT_set_beams(Needing, _Beams, bpy.types.Operator):
     """Change the beam table of the selected LiDARs"""
 
     bl_idname = "unisim.set_beams"
     bl_label = "Change Beams"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A LiDAR has to be selected."""
-        return allowed(cls, object_mode(context), selected(context, "Select a LiDAR first", "LIDAR"))
+    needs = (object_mode, selected("Select a LiDAR first", "LIDAR"))
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:

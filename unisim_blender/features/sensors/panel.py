@@ -11,7 +11,6 @@ from ...core.errors import UnisimError
 from ...core.world.drive import Drive
 from ...editing.sensors.names import rate_of
 from ...editing.texts import translatable
-from ...registering import add, take_away
 from ...translations import interface, localized
 from ..sidebar import DrivePanel, row_of
 
@@ -163,15 +162,4 @@ class UNISIM_PT_sensors(DrivePanel, bpy.types.Panel):
 
 
 CLASSES = (UNISIM_UL_sensors, UNISIM_MT_rig_presets, UNISIM_MT_remove_rig, UNISIM_PT_sensors)
-
-
-def register() -> None:
-    """Add the panel, and the list's active row."""
-    bpy.types.Scene.unisim_sensor_index = IntProperty(get=active_index, set=activate)
-    add(CLASSES)
-
-
-def unregister() -> None:
-    """Take them away."""
-    take_away(CLASSES)
-    del bpy.types.Scene.unisim_sensor_index
+PROPERTIES = ((bpy.types.Scene, "unisim_sensor_index", IntProperty(get=active_index, set=activate)),)

@@ -16,13 +16,13 @@ from ...bridge.importing.rig_presets import (
     users_folder,
 )
 from ...bridge.objects.imported import source_of
-from ...bridge.window import Need, allowed, choose, object_mode, refresh, vehicle
+from ...bridge.window import Need, choose, object_mode, refresh, vehicle
 from ...core.errors import UnisimError
 from ...core.rigs import read_rig, write_rig
 from ...editing.sensors.names import rig_contents
 from ...editing.texts import translatable
 from ...translations import localized, message
-from ..in_steps import reporting
+from ..operator_bases import Needing, reporting
 
 MODES = (
     (
@@ -43,12 +43,13 @@ def hidden(context: bpy.types.Context) -> Need:
         return False, sentence
 
 
-class UNISIM_OT_apply_rig(bpy.types.Operator):
+class UNISIM_OT_apply_rig(Needing, bpy.types.Operator):
     """Put a rig preset's cameras and LiDARs on the vehicle"""
 
     bl_idname = "unisim.apply_rig"
     bl_label = "Apply Rig Preset"
     bl_options = {"REGISTER", "UNDO"}
+    needs = (object_mode, vehicle)
 
     filepath: StringProperty(name="File", subtype="FILE_PATH", options={"HIDDEN"})
     mode: EnumProperty(name="Sensors", items=MODES, options={"SKIP_SAVE"})
@@ -57,11 +58,6 @@ class UNISIM_OT_apply_rig(bpy.types.Operator):
         unit="LENGTH",
         options={"SKIP_SAVE"},
     )  # fmt: skip
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """The vehicle has to be there."""
-        return allowed(cls, object_mode(context), vehicle(context))
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
@@ -87,7 +83,7 @@ class UNISIM_OT_apply_rig(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_save_rig(bpy.types.Operator):
+class UNISIM_OT_save_rig(Needing, bpy.types.Operator):
     """Save the sensors on the vehicle as a rig preset."""
 
     bl_idname = "unisim.save_rig"
@@ -97,15 +93,11 @@ class UNISIM_OT_save_rig(bpy.types.Operator):
         "a file that colleagues can put into their presets folder"
     )
     bl_options = {"REGISTER"}
+    needs = (object_mode, vehicle)
 
     name: StringProperty(name="Name", description="The file's name in the presets folder", default="My rig")
     about: StringProperty(name="About", description="Notes for users: vehicle, calibration, date")
     overwrite: BoolProperty(name="Replace the preset of this name", options={"SKIP_SAVE"})
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """The vehicle has to be there."""
-        return allowed(cls, object_mode(context), vehicle(context))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for a name."""
@@ -175,17 +167,13 @@ class UNISIM_OT_rig_folder(bpy.types.Operator):
         return set(bpy.ops.wm.path_open(filepath=str(users_folder())))
 
 
-class UNISIM_OT_restore_sensors(bpy.types.Operator):
+class UNISIM_OT_restore_sensors(Needing, bpy.types.Operator):
     """Show recorded sensors again that a rig preset has hidden, and make those anew that were deleted"""
 
     bl_idname = "unisim.restore_sensors"
     bl_label = "Restore Recorded Sensors"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Some recorded sensor has to be hidden or gone."""
-        return allowed(cls, object_mode(context), vehicle(context), hidden(context))
+    needs = (object_mode, vehicle, hidden)
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:

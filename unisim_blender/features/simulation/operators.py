@@ -14,18 +14,18 @@ from bpy.props import StringProperty
 from ...bridge.objects.imported import source_of
 from ...bridge.objects.settings import modelled, output_sensors, rollout_folder
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.window import Need, allowed, chosen, drive, folder_on_disk, idle, selected
+from ...bridge.window import Need, allowed, chosen, drive, folder_on_disk, selected
 from ...core.errors import UnisimError
 from ...editing.sampled.clock import Clock
 from ...editing.simulation import stated
 from ...editing.simulation.menus import is_remote, renderer_options
 from ...editing.simulation.rollouts import count_steps, read_rollout, scenario_path, write_inputs
 from ...preferences import device, interpreter
-from ...process.background import launch, running
+from ...process.background import launch
 from ...process.tasks import SequenceTask
 from ...translations import message
 from ..drive.export_operators import ReadsScenes
-from ..in_steps import AtOnce, in_thread
+from ..operator_bases import AtOnce, Needing, in_thread, nothing_runs
 from ..output.operators import MIN_WIDTH
 from .properties import driver_of
 
@@ -105,17 +105,13 @@ class Simulates(AtOnce, ReadsScenes):
             raise UnisimError(task.problem)
 
 
-class UNISIM_OT_simulate(Simulates, bpy.types.Operator):
+class UNISIM_OT_simulate(Needing, Simulates, bpy.types.Operator):
     """Let the driver drive through the scenario, with sensors that answer and actors that react, in the background"""
 
     bl_idname = "unisim.simulate"
     bl_label = "Simulate"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there, the driver and the folder be known, and nothing else be running."""
-        return allowed(cls, drive(context), driver_named(context), folder_known(context), idle(running))
+    needs = (drive, driver_named, folder_known, nothing_runs)
 
 
 def is_rollout(context: bpy.types.Context) -> Need:
@@ -142,25 +138,13 @@ def within(context: bpy.types.Context) -> Need:
     return there, "Go to a frame after the start of the rollout and before its end"
 
 
-class UNISIM_OT_drive_on(Simulates, bpy.types.Operator):
+class UNISIM_OT_drive_on(Needing, Simulates, bpy.types.Operator):
     """Simulate on from the current frame: as driven until then, with the edits of this scene from then on"""
 
     bl_idname = "unisim.drive_on"
     bl_label = "Drive On from Here"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """As simulating, in a rollout's scene, at a time of the rollout."""
-        return allowed(
-            cls,
-            drive(context),
-            is_rollout(context),
-            within(context),
-            driver_named(context),
-            folder_known(context),
-            idle(running),
-        )
+    needs = (drive, is_rollout, within, driver_named, folder_known, nothing_runs)
 
     def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Let the simulation start at the rollout's step next to the current frame and end where it ended, and begin
@@ -188,7 +172,7 @@ class UNISIM_OT_same_model(bpy.types.Operator):
             cls,
             drive(context),
             active_actor(context),
-            selected(context, "Select an actor first", "ACTOR"),
+            selected("Select an actor first", "ACTOR")(context),
             (len(chosen(context, "ACTOR")) > 1, "Select further actors: the active one has this model already"),
         )
 

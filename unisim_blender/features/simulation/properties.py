@@ -12,7 +12,6 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 from ...editing.simulation import stated
 from ...editing.simulation.menus import AUTO, DEFAULT, OWN, RENDERER_ITEMS, driver_items, is_function, is_remote
 from ...editing.texts import translatable
-from ...registering import add, take_away
 from ..drive.properties import RELATIVE
 
 KINDS = stated.kinds()
@@ -279,16 +278,7 @@ def driver_of(scene: bpy.types.Scene) -> str:
 
 
 CLASSES = (UniSimModel, UniSimSimulation)
-
-
-def register() -> None:
-    """Add the properties."""
-    add(CLASSES)
-    bpy.types.Object.unisim_model = PointerProperty(type=UniSimModel)
-    bpy.types.Scene.unisim_simulation = PointerProperty(type=UniSimSimulation)
-
-
-def unregister() -> None:
-    """Take them away again; files keep what they hold."""
-    del bpy.types.Scene.unisim_simulation, bpy.types.Object.unisim_model
-    take_away(CLASSES)
+PROPERTIES = (
+    (bpy.types.Object, "unisim_model", PointerProperty(type=UniSimModel)),
+    (bpy.types.Scene, "unisim_simulation", PointerProperty(type=UniSimSimulation)),
+)

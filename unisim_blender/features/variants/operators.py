@@ -14,18 +14,18 @@ from ...bridge.changes.variants import delete_variant, new_variant, rename_varia
 from ...bridge.objects.imported import source_of
 from ...bridge.objects.settings import output_sensors, rendered_keys
 from ...bridge.sampling.edit_list import mark_all
-from ...bridge.window import allowed, drive, idle, object_mode, redraw
+from ...bridge.window import allowed, drive, object_mode, redraw
 from ...core.errors import UnisimError
 from ...core.sequence.records import finished_moments
 from ...core.world.captures import CaptureKey
 from ...editing.edits.variants import file_names, free_variant_name
 from ...editing.reading.scenario import write_scenario
 from ...preferences import interpreter
-from ...process.background import launch, running
+from ...process.background import launch
 from ...process.tasks import SequenceTask
 from ...translations import message
 from ..drive.export_operators import ReadsScenes
-from ..in_steps import AtOnce, reporting
+from ..operator_bases import AtOnce, Needing, nothing_runs, reporting
 from ..output.operators import SCENARIO, output_folder, render_arguments
 
 
@@ -98,15 +98,12 @@ class VariantsTask(SequenceTask):
 FIRST = "Variant 2"
 
 
-class _Named:
+class _Named(Needing):
     """An operator that asks for a variant's name."""
 
-    name: StringProperty(name="Name", options={"SKIP_SAVE"})
+    needs = (object_mode, drive)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there."""
-        return allowed(cls, object_mode(context), drive(context))
+    name: StringProperty(name="Name", options={"SKIP_SAVE"})
 
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for the name."""
@@ -186,20 +183,16 @@ class UNISIM_OT_delete_variant(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_show_variant(bpy.types.Operator):
+class UNISIM_OT_show_variant(Needing, bpy.types.Operator):
     """Show this variant, at the same frame"""
 
     bl_idname = "unisim.show_variant"
     bl_label = "Show Variant"
     # an undo step, so that the panel of the last operation does not offer to change one of another variant
     bl_options = {"REGISTER", "UNDO"}
+    needs = (object_mode,)
 
     name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Nothing may be in the middle of being edited."""
-        return allowed(cls, object_mode(context))
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -229,20 +222,16 @@ class UNISIM_OT_compare_variant(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_export_variants(ReadsScenes, bpy.types.Operator):
+class UNISIM_OT_export_variants(Needing, ReadsScenes, bpy.types.Operator):
     """Write every variant as a scenario file into a folder"""
 
     bl_idname = "unisim.export_variants"
     bl_label = "Export Variants"
     bl_options = {"REGISTER"}
+    needs = (drive,)
 
     directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
     filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there."""
-        return allowed(cls, drive(context))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for the folder."""
@@ -279,7 +268,7 @@ class UNISIM_OT_render_variants(AtOnce, ReadsScenes, bpy.types.Operator):
         marked = bool(context.scene.unisim.log) and any(
             scene.unisim_edits.rendered for scene in variants_of(context.scene)
         )
-        return allowed(cls, drive(context), (marked, "Mark a variant in the list first"), idle(running))
+        return allowed(cls, drive(context), (marked, "Mark a variant in the list first"), nothing_runs(context))
 
     def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Read and write each scenario, then start."""

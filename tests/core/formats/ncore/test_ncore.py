@@ -312,7 +312,7 @@ def test_a_log_of_another_layout_becomes_a_sequence(tmp_path: Path) -> None:
     drive = write_small_log(tmp_path / "pandaset")
     source = open_log(tmp_path / "pandaset")
     told: list[tuple[str, int]] = []
-    write_ncore(tmp_path / "ncore", source, told=lambda name, frame: told.append((name, frame)))
+    write_ncore(tmp_path / "ncore", source, on_capture=lambda name, frame: told.append((name, frame)))
     log = open_log(tmp_path / "ncore")
     assert_same_drive(log.drive, source.drive)
     assert len(told) == 2 * len(drive.frames)

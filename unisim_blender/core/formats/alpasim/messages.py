@@ -89,7 +89,7 @@ FARTHEST_M = 1e6
 
 def vector_message(vector: Iterable[float]) -> Any:
     """Return the message of x, y and z."""
-    x, y, z = (float(one) for one in vector)
+    x, y, z = (float(value) for value in vector)
     return common.Vec3(x=x, y=y, z=z)
 
 
@@ -226,7 +226,7 @@ def model_of(spec: Any, width: int, height: int, start_us: int, end_us: int, fie
         raise FieldError(
             f"{field}.{kind}",
             f"focal lengths from {LEAST_FOCAL:g} and all numbers up to {MOST_PIXELS} pixels are served, not "
-            f"{', '.join(f'{one:g}' for one in numbers)}",
+            f"{', '.join(f'{number:g}' for number in numbers)}",
         )
     sx, sy = width / own[0], height / own[1]
     model = replace(
@@ -245,45 +245,45 @@ def model_of(spec: Any, width: int, height: int, start_us: int, end_us: int, fie
     return model, time_us
 
 
-def _model(kind: str, lens: Any, width: int, height: int, field: str) -> CameraModel:
+def _model(kind: str, message: Any, width: int, height: int, field: str) -> CameraModel:
     if kind == "ftheta_param":
-        return _f_theta(lens, width, height, field)
-    found: Lens
+        return _f_theta(message, width, height, field)
+    lens: Lens
     if kind == "opencv_pinhole_param":
-        k = _numbers(lens.radial_coeffs, 6, f"{field}.radial_coeffs")
-        p = _numbers(lens.tangential_coeffs, 2, f"{field}.tangential_coeffs")
-        s = _numbers(lens.thin_prism_coeffs, 4, f"{field}.thin_prism_coeffs")
-        found = OpenCVPinhole(k[0], k[1], *p, *k[2:], *s) if any((*k, *p, *s)) else PINHOLE
+        k = _numbers(message.radial_coeffs, 6, f"{field}.radial_coeffs")
+        p = _numbers(message.tangential_coeffs, 2, f"{field}.tangential_coeffs")
+        s = _numbers(message.thin_prism_coeffs, 4, f"{field}.thin_prism_coeffs")
+        lens = OpenCVPinhole(k[0], k[1], *p, *k[2:], *s) if any((*k, *p, *s)) else PINHOLE
     else:
-        k = _numbers(lens.radial_coeffs, 4, f"{field}.radial_coeffs")
-        degrees = min(math.degrees(lens.max_angle), 180.0) if lens.max_angle else 180.0
-        found = OpenCVFisheye(k[0], k[1], k[2], k[3], degrees)
-    fx, fy, cx, cy = lens.focal_length_x, lens.focal_length_y, lens.principal_point_x, lens.principal_point_y
-    return CameraModel(width, height, fx, fy, cx, cy, lens=found)
+        k = _numbers(message.radial_coeffs, 4, f"{field}.radial_coeffs")
+        degrees = min(math.degrees(message.max_angle), 180.0) if message.max_angle else 180.0
+        lens = OpenCVFisheye(k[0], k[1], k[2], k[3], degrees)
+    fx, fy = message.focal_length_x, message.focal_length_y
+    return CameraModel(width, height, fx, fy, message.principal_point_x, message.principal_point_y, lens=lens)
 
 
-def _f_theta(lens: Any, width: int, height: int, field: str) -> CameraModel:
+def _f_theta(message: Any, width: int, height: int, field: str) -> CameraModel:
     kinds = {
-        lens.PolynomialType.Value("ANGLE_TO_PIXELDIST"): "angle_to_pixeldist_poly",
-        lens.PolynomialType.Value("PIXELDIST_TO_ANGLE"): "pixeldist_to_angle_poly",
+        message.PolynomialType.Value("ANGLE_TO_PIXELDIST"): "angle_to_pixeldist_poly",
+        message.PolynomialType.Value("PIXELDIST_TO_ANGLE"): "pixeldist_to_angle_poly",
     }
-    if lens.reference_poly not in kinds:
+    if message.reference_poly not in kinds:
         raise FieldError(f"{field}.reference_poly", "must be ANGLE_TO_PIXELDIST or PIXELDIST_TO_ANGLE")
-    name = kinds[lens.reference_poly]
-    polynomial = list(getattr(lens, name))
+    name = kinds[message.reference_poly]
+    polynomial = list(getattr(message, name))
     while len(polynomial) > 2 and polynomial[-1] == 0:
         polynomial.pop()
-    cde = lens.linear_cde
-    linear = (cde.linear_c, cde.linear_d, cde.linear_e) if lens.HasField("linear_cde") else (1.0, 0.0, 0.0)
-    reach = lens.max_angle or math.pi
-    focal, found = FTheta.from_pixels(polynomial, name == "angle_to_pixeldist_poly", reach, linear)
-    cx, cy = lens.principal_point_x + 0.5, lens.principal_point_y + 0.5
-    return CameraModel(width, height, focal, focal, cx, cy, lens=found)
+    cde = message.linear_cde
+    linear = (cde.linear_c, cde.linear_d, cde.linear_e) if message.HasField("linear_cde") else (1.0, 0.0, 0.0)
+    reach = message.max_angle or math.pi
+    focal, lens = FTheta.from_pixels(polynomial, name == "angle_to_pixeldist_poly", reach, linear)
+    cx, cy = message.principal_point_x + 0.5, message.principal_point_y + 0.5
+    return CameraModel(width, height, focal, focal, cx, cy, lens=lens)
 
 
 def _numbers(values: Any, most: int, field: str) -> list[float]:
     """Return coefficients, 0 for those that are left out."""
-    found = [float(value) for value in values]
-    if len(found) > most:
-        raise FieldError(field, f"must be at most {most} numbers, not {len(found)}")
-    return found + [0.0] * (most - len(found))
+    numbers = [float(value) for value in values]
+    if len(numbers) > most:
+        raise FieldError(field, f"must be at most {most} numbers, not {len(numbers)}")
+    return numbers + [0.0] * (most - len(numbers))

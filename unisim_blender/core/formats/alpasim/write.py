@@ -140,7 +140,7 @@ def sequence_tracks(drive: Drive) -> dict[str, Any]:
     """Return the actors' trajectories. AlpaSim moves those that are flagged as controllable: the ones that move here."""
     actors = [actor for _, actor in sorted(drive.actors.items()) if not actor.is_ego_body]
     tracks = [(actor, *_keys(drive, actor)) for actor in actors]
-    tracks = [one for one in tracks if len(one[1]) > 1]
+    tracks = [track for track in tracks if len(track[1]) > 1]
     return {
         SEQUENCE: {
             "tracks_data": {
@@ -165,10 +165,10 @@ def _keys(drive: Drive, actor: Actor) -> tuple[list[int], list[list[float]]]:
     own = actor.world_from_actor.times_s
     times = np.concatenate([[start], own[(own > start) & (own < end)], [end]])
     whole = np.round(times * 1e6).astype(np.int64)
-    kept = np.append(True, np.diff(whole) > 0)
-    positions, quaternions = actor.world_from_actor.placed_at(times[kept])
+    is_later = np.append(True, np.diff(whole) > 0)
+    positions, quaternions = actor.world_from_actor.placed_at(times[is_later])
     poses = np.concatenate([positions, np.roll(quaternions, -1, -1)], -1)
-    return whole[kept].tolist(), poses.tolist()
+    return whole[is_later].tolist(), poses.tolist()
 
 
 def ground_mesh(scene: AlpaSimScene, heights: Callable[[FloatArray], FloatArray]) -> bytes:
@@ -197,10 +197,10 @@ def ground_mesh(scene: AlpaSimScene, heights: Callable[[FloatArray], FloatArray]
 
 def _near(points: FloatArray, path: FloatArray) -> np.ndarray[Any, np.dtype[np.bool_]]:
     """Return which points (N, 2) lie within `BESIDE_M` of a path's keys (K, 2)."""
-    found = np.zeros(len(points), bool)
+    is_near = np.zeros(len(points), bool)
     for place in path:
-        found |= np.hypot(*(points - place).T) <= BESIDE_M
-    return found
+        is_near |= np.hypot(*(points - place).T) <= BESIDE_M
+    return is_near
 
 
 def _json(values: Any) -> str:

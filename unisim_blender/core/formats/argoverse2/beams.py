@@ -235,18 +235,18 @@ def _turning(
     def bases() -> FloatArray:
         return np.array([_circular_median(part) for part in np.split(azimuth - step * column, first[1:])])
 
-    one = np.flatnonzero(beam == busiest)
-    next_to = np.diff(column[one]) == 1
+    of_beam = np.flatnonzero(beam == busiest)
+    next_to = np.diff(column[of_beam]) == 1
     if not next_to.any():
         raise BeamsNotFound("no two columns side by side have returns")
-    turns = _wrapped(np.diff(azimuth[one]))[next_to]
+    turns = _wrapped(np.diff(azimuth[of_beam]))[next_to]
     step = float(np.median(turns))
     for _ in range(3):
         base = bases()
         rest = _wrapped(azimuth - step * column - base[beam])
-        kept = np.abs(rest) <= max(4 * float(np.median(np.abs(rest))), 1e-9)
-        along = column[kept] - column[kept].mean()
-        step += float((along * rest[kept]).sum() / max((along**2).sum(), 1.0))
+        inliers = np.abs(rest) <= max(4 * float(np.median(np.abs(rest))), 1e-9)
+        along = column[inliers] - column[inliers].mean()
+        step += float((along * rest[inliers]).sum() / max((along**2).sum(), 1.0))
     return step, bases()
 
 

@@ -130,8 +130,8 @@ class Argoverse2Log(FileLog):
                 raise LogError(
                     f"{path}: has poses from {times[0]} to {times[-1]} ns, but there is a frame at {stamp} ns"
                 )
-        kept = _spread(times)
-        times, positions, quaternions = times[kept], positions[kept], quaternions[kept]
+        rows = _spread(times)
+        times, positions, quaternions = times[rows], positions[rows], quaternions[rows]
         # seconds of integers: float64 keeps nanoseconds only near its zero
         seconds = (times - self._start_ns) / 1e9
         try:
@@ -224,8 +224,7 @@ class Argoverse2Log(FileLog):
 
     def _read_sweep(self, name: str, frame: int) -> tuple[Sweep, float]:
         """A sweep, and how far its columns are turned beside the LiDAR's model, without the drive's phase."""
-        if name not in self.drive.lidars or frame not in self._sweeps:
-            raise LogError(f"{self.path}: {name} has no sweep of frame {frame}")
+        self._sweep_place(name, frame)
         spinning, table = self._spinning[name], self._read_table(frame)
         firings, rows, points, origins = self._fired(
             self.drive.lidars[name].world_from_lidar, table, frame, spinning.lasers
@@ -273,7 +272,7 @@ class Argoverse2Log(FileLog):
             missing.append("sensors/cameras is missing: no images")
             return {}
         models = read_intrinsics(self.path / "calibration" / "intrinsics.feather")
-        unknown = sorted(one.name for one in folder.iterdir() if one.is_dir() and one.name not in models)
+        unknown = sorted(entry.name for entry in folder.iterdir() if entry.is_dir() and entry.name not in models)
         missing.extend(f"camera {name} is left out: intrinsics.feather has no row of it" for name in unknown)
         cameras = {}
         for name, model in models.items():
@@ -299,10 +298,10 @@ class Argoverse2Log(FileLog):
 
 def _spread(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     """Which poses to keep of times (T,); see `CLOSEST_NS`."""
-    kept = [0]
+    rows = [0]
     for row in np.flatnonzero(np.diff(times_ns, prepend=times_ns[0] - CLOSEST_NS) > 0)[1:].tolist():
-        if times_ns[row] - times_ns[kept[-1]] >= CLOSEST_NS:
-            kept.append(row)
-    while len(kept) > 1 and times_ns[kept[-1]] - times_ns[kept[-2]] < LAST_STEP_NS:
-        del kept[-2]
-    return np.array(kept)
+        if times_ns[row] - times_ns[rows[-1]] >= CLOSEST_NS:
+            rows.append(row)
+    while len(rows) > 1 and times_ns[rows[-1]] - times_ns[rows[-2]] < LAST_STEP_NS:
+        del rows[-2]
+    return np.array(rows)

@@ -133,10 +133,10 @@ def sweep_table(sweep: Sweep, world_from_ego: FloatArray, stamp: int, lidar: Lid
     poses = lidar.world_from_lidar.at(sweep.time_s)
     local = np.einsum("nji,nj->ni", poses[:, :3, :3], sweep.points - poses[:, :3, 3])
     ring = nearest_rings(sweep.ring, local, lidar)
-    kept = ring < MOST_LASERS
+    written = ring < MOST_LASERS
     if sweep.rank is not None:
-        kept &= sweep.rank == 0
-    order = np.flatnonzero(kept)
+        written &= sweep.rank == 0
+    order = np.flatnonzero(written)
     order = order[np.lexsort((ring[order], offset[order]))]
     points = transform_points(invert_pose(world_from_ego), sweep.points[order])
     return {

@@ -158,8 +158,8 @@ def _actor(uid: str, boxes: TrackedBoxes, rows: NDArray[np.int64], quaternions: 
     is_moving = motion != "still" and float(np.quantile(strayed, 0.9)) > limit
     start_s, end_s = min(times[0], frame_times[0]), max(times[-1], frame_times[-1])
     if is_moving:
-        kept = spread_keys(times)
-        times, positions, quaternions = times[kept], positions[kept], quaternions[kept]
+        keys = spread_keys(times)
+        times, positions, quaternions = times[keys], positions[keys], quaternions[keys]
     else:
         nearest = int(strayed.argmin())
         times, positions, quaternions = times[:1], middle[None], _mean_quaternion(quaternions, nearest)[None]
@@ -177,18 +177,18 @@ def _actor(uid: str, boxes: TrackedBoxes, rows: NDArray[np.int64], quaternions: 
 
 def spread_keys(times_s: FloatArray) -> list[int]:
     """Return which keys to keep of times (T,): each at least `CLOSEST_KEYS_S` after the one before."""
-    kept = [0]
+    keys = [0]
     for key in range(1, len(times_s)):
-        if times_s[key] - times_s[kept[-1]] >= CLOSEST_KEYS_S:
-            kept.append(key)
-    return kept
+        if times_s[key] - times_s[keys[-1]] >= CLOSEST_KEYS_S:
+            keys.append(key)
+    return keys
 
 
 def _mean_quaternion(quaternions: FloatArray, about: int) -> FloatArray:
     """The mean (4,) of quaternions (T, 4) within 30 degrees of the one numbered ``about``: a box may be turned round in some
     frames."""
-    one = quaternions[about]
-    dots = quaternions @ one
+    reference = quaternions[about]
+    dots = quaternions @ reference
     near = np.abs(dots) > np.cos(np.radians(15.0))
     mean = (np.sign(dots[near])[:, None] * quaternions[near]).mean(0)
     return np.asarray(mean / np.linalg.norm(mean))

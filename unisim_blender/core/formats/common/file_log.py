@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...data.image_files import Notes
-from ...data.log import Sweep
-from ...data.sweep_cells import never_returned
+from ...data.log import Sweep, SweepGrid
+from ...data.sweep_cells import make_grid, never_returned
 from ...errors import LogError
 from ...files import cache_folder, file_stamp, write_file
 from ...world.drive import Drive
@@ -99,6 +99,22 @@ class FileLog(ABC):
         if place is None:
             raise LogError(f"{self.path}: {camera} has no image of frame {frame}")
         return place
+
+    def _sweep_place(self, lidar: str, frame: int) -> Any:
+        """Return where a frame's sweep is. Raises `LogError` where there is none."""
+        if lidar not in self.drive.lidars or frame not in self._sweeps:
+            raise LogError(f"{self.path}: {lidar} has no sweep of frame {frame}")
+        return self._sweeps[frame]
+
+    def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
+        """The recorded sweep as beams x columns, with drops. Nothing is known of cells that never return, where the log gives no
+        drops."""
+        sweep, sensor = self.sweep(lidar, frame), self.drive.lidars[lidar]
+        if sensor.model.beams == 0:
+            raise LogError(f"{self.path}: {lidar} does not scan beams x columns, ask for its plain sweep")
+        if sweep.drops is not None:
+            return make_grid(sweep, sensor, frame, np.zeros((sensor.model.beams, sensor.model.columns), np.bool_))
+        return make_grid(sweep, sensor, frame, self._find_never_returned(lidar))
 
     def _find_never_returned(self, lidar: str) -> NDArray[np.bool_]:
         """Return the cells (beams, columns) that look down and return in none of some sweeps; they are read once."""

@@ -93,8 +93,8 @@ def _lost(source: CameraModel, pinhole: CameraModel) -> str:
     rays = source.unproject(u, v)
     shown = np.isfinite(rays[..., 2])
     x, y, ahead = pinhole.project(np.where(shown[..., None], rays, 0))
-    kept = shown & ahead & (x >= 0) & (x <= pinhole.width) & (y >= 0) & (y <= pinhole.height)
-    share = 100 * (1 - kept.sum() / max(int(shown.sum()), 1))
+    inside = shown & ahead & (x >= 0) & (x <= pinhole.width) & (y >= 0) & (y <= pinhole.height)
+    share = 100 * (1 - inside.sum() / max(int(shown.sum()), 1))
     return f"which leaves out {share:.0f} % of what they show" if share >= 1 else "which keeps all that they show"
 
 
@@ -108,12 +108,22 @@ def image_file(log: Log, camera: str, frame: int, kind: str, rectification: Rect
     """
     content = encoded_image(log, camera, frame) if rectification is None else log.image(camera, frame)
     if isinstance(content, bytes):
-        found = next(form for begin, form in SIGNATURES.items() if content.startswith(begin))
-        if found == kind:
-            _check_size(content, log.drive.cameras[camera].model, f"{log.path}: {camera}'s image of frame {frame}")
+        own_kind = next(form for begin, form in SIGNATURES.items() if content.startswith(begin))
+        if own_kind == kind:
+            check_size(content, log.drive.cameras[camera].model, f"{log.path}: {camera}'s image of frame {frame}")
             return content
         content = log.image(camera, frame)
     return encode(content if rectification is None else rectification.image(content), kind)
+
+
+def encoded_for(camera: Camera, rgb: NDArray[np.uint8]) -> bytes:
+    """Return an image (H, W, 3), sRGB, of a camera's size as a JPEG file's bytes. Raises `OutputError` for another size."""
+    model = camera.model
+    if rgb.shape != (model.height, model.width, 3) or rgb.dtype != np.uint8:
+        raise OutputError(
+            f"{camera.sensor_id}: an image of {rgb.shape} {rgb.dtype} is none of {model.width}x{model.height} pixels"
+        )
+    return encode(rgb, "jpeg")
 
 
 def encode(rgb: NDArray[np.uint8], kind: str) -> bytes:
@@ -131,11 +141,12 @@ def path_kind(path: Path | None) -> str:
     return {".jpg": "jpeg", ".jpeg": "jpeg", ".png": "png"}.get("" if path is None else path.suffix.lower(), "")
 
 
-def _check_size(content: bytes, model: CameraModel, where: str) -> None:
+def check_size(content: bytes, model: CameraModel, where: str) -> None:
+    """Raise `OutputError` for an image's file that is broken, or not of a camera's size; ``where`` names it."""
     try:
         with Image.open(io.BytesIO(content)) as image:
-            found = image.size
+            size = image.size
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as fault:
         raise OutputError(f"{where} is broken ({in_a_line(fault)})") from fault
-    if found != (model.width, model.height):
-        raise OutputError(f"{where} has {found[0]}x{found[1]} pixels, not {model.width}x{model.height}")
+    if size != (model.width, model.height):
+        raise OutputError(f"{where} has {size[0]}x{size[1]} pixels, not {model.width}x{model.height}")

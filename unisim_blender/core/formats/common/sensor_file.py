@@ -112,7 +112,7 @@ def read_setup(log: Path) -> LogSetup | None:
         shutters={name: read_shutter(node.key("shutter")) for name, node in document.key("cameras").members()},
         lidars={name: _read_lidar(node) for name, node in document.key("lidars").members()},
         lenses={name: read_lens(node) for name, node in document.key("cameras").members()},
-        readouts={name: found for name, found in readouts.items() if found is not None},
+        readouts={name: times for name, times in readouts.items() if times is not None},
     )
 
 

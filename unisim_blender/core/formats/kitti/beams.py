@@ -77,9 +77,9 @@ def fit_spin(
         for frame in pair:
             if frame not in placed:
                 placed[frame] = _place(read(frame), turns[frame], track)
-        found = _spin_of(placed[pair[0]], placed[pair[1]])
-        if found is not None:
-            spins.append(found)
+        spin = _spin_of(placed[pair[0]], placed[pair[1]])
+        if spin is not None:
+            spins.append(spin)
     return decide(np.array(spins))
 
 
@@ -112,11 +112,11 @@ def _place(planes: PlanePoints, turn: Turn, track: Trajectory) -> _Placed:
 
 def _spin_of(first: _Placed, second: _Placed) -> float | None:
     """The spin for which the planes of two sweeps fall on each other best; None where too few tell."""
-    one, other = _same_cells(first[0], second[0])
-    normal = first[2][one]
-    agree = np.sum(normal * second[2][other], 1) > AGREE
-    moves = second[1][other] - first[1][one]
-    apart = np.sum(normal * (second[0][other] - first[0][one]), 1)
+    rows, other_rows = _same_cells(first[0], second[0])
+    normal = first[2][rows]
+    agree = np.sum(normal * second[2][other_rows], 1) > AGREE
+    moves = second[1][other_rows] - first[1][rows]
+    apart = np.sum(normal * (second[0][other_rows] - first[0][rows]), 1)
     lever = np.sum(normal * moves, 1)
     used = agree & (np.abs(lever) > ACROSS * np.linalg.norm(moves, axis=1))
     if used.sum() < LEAST_PAIR_POINTS:
@@ -130,8 +130,8 @@ def _same_cells(first: FloatArray, second: FloatArray) -> tuple[NDArray[np.int64
     cells = [np.floor((points - low) / CELL_M).astype(np.int64) for points in (first, second)]
     span = np.maximum(cells[0].max(0, initial=0), cells[1].max(0, initial=0)) + 1
     keys = [(cell[:, 0] * span[1] + cell[:, 1]) * span[2] + cell[:, 2] for cell in cells]
-    _, one, other = np.intersect1d(keys[0], keys[1], return_indices=True)
-    return one, other
+    _, rows, other_rows = np.intersect1d(keys[0], keys[1], return_indices=True)
+    return rows, other_rows
 
 
 def _slope(x: FloatArray, y: FloatArray) -> float:
@@ -260,15 +260,15 @@ def _line(distance: FloatArray, z: FloatArray) -> tuple[float, float]:
     A ring whose points are all at one distance tells no height: then it is 0.
     """
     weight = 1 / np.maximum(distance, 1.0)
-    kept = np.ones(len(z), bool)
+    inliers = np.ones(len(z), bool)
     slope, height = 0.0, 0.0
     for _ in range(6):
-        d, w = distance[kept], weight[kept]
+        d, w = distance[inliers], weight[inliers]
         if np.ptp(d) < 0.05 * float(np.median(d)):
-            return float(np.median(z[kept] / d)), 0.0
-        height, slope = np.linalg.lstsq(np.stack([w, d * w], 1), z[kept] * w, rcond=None)[0].tolist()
+            return float(np.median(z[inliers] / d)), 0.0
+        height, slope = np.linalg.lstsq(np.stack([w, d * w], 1), z[inliers] * w, rcond=None)[0].tolist()
         off = np.abs(z - height - slope * distance) * weight
-        kept = off <= max(4 * 1.4826 * float(np.median(off)), 1e-6)
+        inliers = off <= max(4 * 1.4826 * float(np.median(off)), 1e-6)
     return slope, height
 
 

@@ -211,9 +211,9 @@ def read_tracking(path: Path) -> KittiCalibration:
         "Tr_imu_velo": ("Tr_imu_velo", "Tr_imu_to_velo"),
     }
     for name, others in names.items():
-        found = next((other for other in others if other in values), None)
-        if found is not None:
-            values[name] = values[found]
+        name_there = next((other for other in others if other in values), None)
+        if name_there is not None:
+            values[name] = values[name_there]
     return KittiCalibration(
         camera0_from_lidar=_rotation(path, values, "R_rect") @ _pose(path, values, "Tr_velo_cam"),
         projections={name: _projection(path, values, f"P{name[-1]}") for name in CAMERAS if f"P{name[-1]}" in values},

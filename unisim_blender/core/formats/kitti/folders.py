@@ -109,8 +109,8 @@ def read_labels(path: Path, camera0_from_lidar: FloatArray) -> list[BoxRecord]:
     poses = np.tile(np.eye(4), (len(rows), 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = about_y @ CAMERA_FROM_UPRIGHT, np.stack([x, y - height / 2, z], 1)
     return [
-        BoxRecord(*one, pose, size)
-        for one, pose, size in zip(named, invert_pose(camera0_from_lidar) @ poses, sizes, strict=True)
+        BoxRecord(*label, pose, size)
+        for label, pose, size in zip(named, invert_pose(camera0_from_lidar) @ poses, sizes, strict=True)
     ]
 
 
@@ -166,10 +166,10 @@ def read_record(path: Path, number: int, line: str) -> FloatArray:
 
 def read_records(path: Path) -> FloatArray:
     """Return all records (T, 6) of a file. Raises `LogError`."""
-    found = [read_record(path, number, line) for number, line in numbered_lines(path)]
-    if not found:
+    records = [read_record(path, number, line) for number, line in numbered_lines(path)]
+    if not records:
         raise LogError(f"{path}: holds no record")
-    return np.stack(found)
+    return np.stack(records)
 
 
 def imu_poses(records: FloatArray) -> FloatArray:
@@ -260,8 +260,8 @@ def tracking_files(split: Path, sequence: str) -> KittiFiles:
 
 def _strangers(folders: dict[str, Path], images: dict[str, dict[int, Path]]) -> list[str]:
     """A sentence for each camera whose folder has other files than images."""
-    found = {name: what_else(data_folder(folder)) for name, folder in folders.items() if not images[name]}
-    return [f"{name}: has no image{what}" for name, what in found.items() if what]
+    others = {name: what_else(data_folder(folder)) for name, folder in folders.items() if not images[name]}
+    return [f"{name}: has no image{what}" for name, what in others.items() if what]
 
 
 def _frame_times(files: KittiFiles, path: Path, stamped: Path) -> int | None:
@@ -270,12 +270,12 @@ def _frame_times(files: KittiFiles, path: Path, stamped: Path) -> int | None:
     frames = sorted({*files.sweeps, *(frame for images in files.images.values() for frame in images)})
     if not frames:
         raise LogError(f"{path}: holds neither sweeps nor images of a calibrated camera")
-    found = _triggers(files, stamped)
-    if found is None:
+    stamps = _triggers(files, stamped)
+    if stamps is None:
         files.notes.append(f"there are no timestamps: {PERIOD_S} s from one frame to the next are assumed")
         files.time_s = {frame: PERIOD_S * (frame - frames[0]) for frame in frames}
     else:
-        source, triggers = found
+        source, triggers = stamps
         _check_count(source, triggers, frames[-1])
         lost = next((frame for frame in frames if triggers[frame] == NO_STAMP), None)
         if lost is not None:
@@ -285,7 +285,7 @@ def _frame_times(files: KittiFiles, path: Path, stamped: Path) -> int | None:
             step = files.time_s[after] - files.time_s[before]
             if not 1e-3 < step < LONGEST_S * (after - before):
                 raise LogError(f"{source}: frame {after} is {step:.6g} s after frame {before}")
-    clock_ns = None if found is None else int(found[1][frames[0]])
+    clock_ns = None if stamps is None else int(stamps[1][frames[0]])
     _turns(files, stamped / VELODYNE, clock_ns)
     return clock_ns
 
@@ -294,22 +294,22 @@ def _triggers(files: KittiFiles, path: Path) -> tuple[Path, NDArray[np.int64]] |
     """When the LiDAR looked forward, nanoseconds by frame, and the file that says so; of a frame without a sweep, and without a
     time of one, by its images."""
     own = path / VELODYNE / FORWARD
-    found = read_stamps(own) if own.is_file() else None
+    times = read_stamps(own) if own.is_file() else None
     source = own
     for name, images in files.images.items():
-        if found is not None and (found != NO_STAMP).all():
+        if times is not None and (times != NO_STAMP).all():
             break
         stamps = path / name / "timestamps.txt"
         if not images or not stamps.is_file():
             continue
         shot = read_stamps(stamps)
         shot = np.where(shot == NO_STAMP, NO_STAMP, shot - round(IMAGE_LAG_S * 1e9))
-        if found is None:
-            found, source = shot, stamps
+        if times is None:
+            times, source = shot, stamps
         else:
-            shared = min(len(found), len(shot))
-            found[:shared] = np.where(found[:shared] == NO_STAMP, shot[:shared], found[:shared])
-    return None if found is None else (source, found)
+            shared = min(len(times), len(shot))
+            times[:shared] = np.where(times[:shared] == NO_STAMP, shot[:shared], times[:shared])
+    return None if times is None else (source, times)
 
 
 def _turns(files: KittiFiles, folder: Path, clock_ns: int | None) -> None:
@@ -319,9 +319,9 @@ def _turns(files: KittiFiles, folder: Path, clock_ns: int | None) -> None:
         half = PERIOD_S / 2
         files.turns = {f: (files.time_s[f] - half, files.time_s[f], files.time_s[f] + half) for f in files.sweeps}
         return
-    start, end = (read_stamps(one) for one in ends)
-    for one, stamps in zip(ends, (start, end), strict=True):
-        _check_count(one, stamps, max(files.sweeps, default=0))
+    start, end = (read_stamps(path) for path in ends)
+    for path, stamps in zip(ends, (start, end), strict=True):
+        _check_count(path, stamps, max(files.sweeps, default=0))
     for frame in sorted(files.sweeps):
         if NO_STAMP in (start[frame], end[frame]):
             forward, half = files.time_s[frame], PERIOD_S / 2
@@ -343,10 +343,10 @@ def _image_times(files: KittiFiles, path: Path, clock_ns: int | None) -> None:
         stamps = path / name / "timestamps.txt"
         if clock_ns is None or not images or not stamps.is_file():
             continue
-        found = read_stamps(stamps)
-        _check_count(stamps, found, max(images))
+        times = read_stamps(stamps)
+        _check_count(stamps, times, max(images))
         own = {
-            frame: (int(found[frame]) - clock_ns) * 1e-9 - IMAGE_LAG_S for frame in images if found[frame] != NO_STAMP
+            frame: (int(times[frame]) - clock_ns) * 1e-9 - IMAGE_LAG_S for frame in images if times[frame] != NO_STAMP
         }
         late = [abs(time - files.time_s[frame]) for frame, time in own.items()]
         if late and sorted(late)[len(late) // 2] > TRIGGERED_S:
@@ -380,12 +380,12 @@ def _timed(
     stamps = folder / "timestamps.txt"
     if clock_ns is None or not stamps.is_file():
         return records, PERIOD_S * (numbers.astype(np.float64) - min(files.time_s))
-    found = read_stamps(stamps)
-    _check_count(stamps, found, int(numbers[-1]))
-    there = found[numbers] != NO_STAMP
+    times = read_stamps(stamps)
+    _check_count(stamps, times, int(numbers[-1]))
+    there = times[numbers] != NO_STAMP
     numbers, records = numbers[there], records[there]
-    times = (found[numbers] - clock_ns) * 1e-9
-    late = np.flatnonzero(np.diff(times) < 1e-6)
+    times_s = (times[numbers] - clock_ns) * 1e-9
+    late = np.flatnonzero(np.diff(times_s) < 1e-6)
     if len(late):
         raise LogError(f"{stamps}: record {numbers[int(late[0]) + 1]} is not later than the one before it")
-    return records, np.asarray(times)
+    return records, np.asarray(times_s)

@@ -61,16 +61,24 @@ class KittiLog(FileLog):
         if files.calibration.lidar_from_imu is not None:
             ego_from_lidar = invert_pose(files.calibration.lidar_from_imu)
         recorded, origin = self._recorded_poses()
-        found = find(path, files, None if recorded is None else recorded.transformed(right=ego_from_lidar), stated)
+        calibration = find(
+            path, files, None if recorded is None else recorded.transformed(right=ego_from_lidar), stated
+        )
         world_from_ego = recorded
-        if world_from_ego is None and found is not None and found.trajectory is not None:
-            world_from_ego = _from_first(found.trajectory, files.time_s).transformed(right=invert_pose(ego_from_lidar))
+        if world_from_ego is None and calibration is not None and calibration.trajectory is not None:
+            world_from_ego = _from_first(calibration.trajectory, files.time_s).transformed(
+                right=invert_pose(ego_from_lidar)
+            )
             world_from_ego, origin = _centred(world_from_ego, files.time_s)
         if world_from_ego is None:
             raise LogError(f"{path}: has no poses (oxts), and no sweeps to find them by")
         frames = tuple(sorted(files.time_s))
-        lidars = {} if found is None else {LIDAR: self._lidar(found, world_from_ego.transformed(right=ego_from_lidar))}
-        self._beams = None if found is None else found.beams
+        lidars = (
+            {}
+            if calibration is None
+            else {LIDAR: self._lidar(calibration, world_from_ego.transformed(right=ego_from_lidar))}
+        )
+        self._beams = None if calibration is None else calibration.beams
         self.drive = Drive(
             name=files.name,
             frames=frames,
@@ -78,10 +86,10 @@ class KittiLog(FileLog):
             world_from_ego=world_from_ego,
             cameras=self._cameras(world_from_ego, ego_from_lidar),
             lidars=lidars,
-            actors=self._actors(world_from_ego.transformed(right=ego_from_lidar), found),
+            actors=self._actors(world_from_ego.transformed(right=ego_from_lidar), calibration),
             world_origin=origin,
         )
-        self.missing = tuple(self._what_is_missing(found))
+        self.missing = tuple(self._what_is_missing(calibration))
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -102,8 +110,8 @@ class KittiLog(FileLog):
         sensor, beams = self.drive.lidars[lidar], self._beams
         points = read_points(path)
         ring = assign_rings(points, beams)  # of the whole file: rings are told by its order
-        kept = ~((points[:, :3] > BODY_MIN_M) & (points[:, :3] < BODY_MAX_M)).all(1)
-        points, ring = points[kept], ring[kept]
+        outside = ~((points[:, :3] > BODY_MIN_M) & (points[:, :3] < BODY_MAX_M)).all(1)
+        points, ring = points[outside], ring[outside]
         time_s = point_times(points, self._files.turns[frame], sensor.model.direction)
         poses = sensor.world_from_lidar.at(time_s)
         height = np.where(ring >= 0, beams.height_m[ring], 0.0)
@@ -178,10 +186,10 @@ class KittiLog(FileLog):
         except TrajectoryError as error:
             raise LogError(f"{self.path}: the trajectory of oxts: {error}") from error
 
-    def _lidar(self, found: LidarCalibration, track: Trajectory) -> Lidar:
+    def _lidar(self, calibration: LidarCalibration, track: Trajectory) -> Lidar:
         turns = self._files.turns
         sweep_s = float(np.median([end - start for start, _, end in turns.values()]))
-        model = found.beams.model(found.spin.direction, sweep_s)
+        model = calibration.beams.model(calibration.spin.direction, sweep_s)
         return Lidar(LIDAR, model, track, {frame: turns[frame][1] for frame in sorted(turns)})
 
     def _cameras(self, world_from_ego: Trajectory, ego_from_lidar: FloatArray) -> dict[str, Camera]:
@@ -202,7 +210,7 @@ class KittiLog(FileLog):
             )
         return cameras
 
-    def _actors(self, track: Trajectory, found: LidarCalibration | None) -> dict[str, Actor]:
+    def _actors(self, track: Trajectory, calibration: LidarCalibration | None) -> dict[str, Actor]:
         """Actors of the boxes, each keyed when the beams passed its centre, and placed by where the sensor was then."""
         files = self._files
         boxes = sorted((box for box in files.boxes if box.frame in files.time_s), key=lambda box: box.frame)
@@ -211,21 +219,21 @@ class KittiLog(FileLog):
         frame_times = np.array([files.time_s[box.frame] for box in boxes])
         places = np.stack([box.lidar_from_box for box in boxes])
         passed = frame_times.copy()
-        swept = np.flatnonzero([found is not None and box.frame in files.turns for box in boxes])
-        if found is not None and len(swept):
+        swept = np.flatnonzero([calibration is not None and box.frame in files.turns for box in boxes])
+        if calibration is not None and len(swept):
             start, forward, end = np.array([files.turns[boxes[at].frame] for at in swept]).T
-            passed[swept] = point_times(places[swept, :3, 3], (start, forward, end), found.spin.direction)
+            passed[swept] = point_times(places[swept, :3, 3], (start, forward, end), calibration.spin.direction)
         uids, labels = np.array([box.uid for box in boxes]), np.array([box.label for box in boxes])
         sizes = np.stack([box.size_m for box in boxes])
         return actors_of_boxes(
             self.path, TrackedBoxes(uids, labels, frame_times, track.at(passed) @ places, sizes, passed)
         )
 
-    def _what_is_missing(self, found: LidarCalibration | None) -> list[str]:
+    def _what_is_missing(self, calibration: LidarCalibration | None) -> list[str]:
         files = self._files
         said = list(files.notes)
-        if found is not None:
-            said += [found.spin.sentence, *([found.sentence] if found.sentence else [])]
+        if calibration is not None:
+            said += [calibration.spin.sentence, *([calibration.sentence] if calibration.sentence else [])]
         for name, there in {VELODYNE: files.sweeps, **files.images}.items():
             absent = absent_frames(self.drive.frames, there)
             if there and absent:

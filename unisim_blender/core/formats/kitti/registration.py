@@ -88,13 +88,13 @@ def find_planes(
             count += near
             total += offset
             products += offset[:, :, None] * offset[:, None, :]
-    told = np.flatnonzero(count >= LEAST_NEIGHBOURS)
-    mean = total[told] / count[told, None]
-    spread = products[told] / count[told, None, None] - mean[:, :, None] * mean[:, None, :]
+    enough = np.flatnonzero(count >= LEAST_NEIGHBOURS)
+    mean = total[enough] / count[enough, None]
+    spread = products[enough] / count[enough, None, None] - mean[:, :, None] * mean[:, None, :]
     width, axes = np.linalg.eigh(spread.astype(np.float64))
     thick, wide = np.sqrt(np.maximum(width[:, 0], 0)), np.sqrt(np.maximum(width[:, 1], 0))
     flat = (thick < FLAT_M) & (wide > WIDE_M) & (wide > WIDER * thick)
-    chosen = index[beam[told[flat]], at[told[flat]]]
+    chosen = index[beam[enough[flat]], at[enough[flat]]]
     normals = axes[flat, :, 0]
     facing = np.sum(normals * points[chosen, :3], 1) > 0
     return chosen, np.where(facing[:, None], -normals, normals)
@@ -175,8 +175,8 @@ def register(where: str, frames: Sequence[int], read: Callable[[int], SweepPlane
         target = _target(gicp, placed)
         for reach in (*REACHES_M, *REACHES_M[-1:]) if at > 1 else REACHES_M + REACHES_M[1:] + REACHES_M[1:]:
             source = _source(gicp, compensated(surface, step, period), surface.normals)
-            found = _align(gicp, target, source, poses[-1] @ step, reach, what)
-            step = invert_pose(poses[-1]) @ found
+            pose = _align(gicp, target, source, poses[-1] @ step, reach, what)
+            step = invert_pose(poses[-1]) @ pose
             if at == 1:  # until now the first sweep's own motion was not known
                 placed[0] = compensated(first, step, period)
                 target = _target(gicp, placed)
@@ -184,8 +184,8 @@ def register(where: str, frames: Sequence[int], read: Callable[[int], SweepPlane
         local = compensated(surface, step, period)
         if at > 1:
             source = _source(gicp, local, surface.normals)
-            found = _align(gicp, _target(gicp, placed[-2:-1]), source, poses[-1], REACHES_M[-1], what)
-            off.append(invert_pose(poses[-1]) @ found)
+            pose = _align(gicp, _target(gicp, placed[-2:-1]), source, poses[-1], REACHES_M[-1], what)
+            off.append(invert_pose(poses[-1]) @ pose)
         placed = [*placed[1 - MAP_SWEEPS :], local @ poses[-1][:3, :3].T + poses[-1][:3, 3]]
     difference = np.array(off).reshape(-1, 4, 4)
     return Registered(
@@ -237,12 +237,12 @@ def _align(gicp: Any, target: tuple[Any, Any], source: Any, guess: FloatArray, r
         cloud, source, tree, guess, registration_type="PLANE_ICP", max_correspondence_distance=reach_m,
         max_iterations=50, rotation_epsilon=1e-5, translation_epsilon=1e-4,
     )  # fmt: skip
-    found = np.asarray(result.T_target_source, np.float64)
+    pose = np.asarray(result.T_target_source, np.float64)
     share = result.num_inliers / max(source.size(), 1)
-    if not np.isfinite(found).all() or result.num_inliers < LEAST_INLIERS or share < LEAST_INLIER_SHARE:
+    if not np.isfinite(pose).all() or result.num_inliers < LEAST_INLIERS or share < LEAST_INLIER_SHARE:
         raise LogError(f"{what} does not fit those before it: {share:.0%} of its points find a surface")
     # a rotation to the last bit: what is off grows with every product, and after a dozen sweeps is all there is
-    return make_pose(found[:3, 3], quaternion_from_matrix(found[:3, :3]))
+    return make_pose(pose[:3, 3], quaternion_from_matrix(pose[:3, :3]))
 
 
 VERSION = 1
@@ -279,18 +279,18 @@ def find(
         flat = np.zeros(stated.beams)
         beams = KittiBeams(stated.elevation_rad, flat, stated.azimuth_offset_rad, stated.columns, stated=True)
         return LidarCalibration(beams, _stated_spin(stated.direction), None, "")
-    kept = cache_folder() / "kitti" / f"{_identity(files, world_from_lidar, direction)}.json"
-    if kept.is_file():
+    cached = cache_folder() / "kitti" / f"{_identity(files, world_from_lidar, direction)}.json"
+    if cached.is_file():
         try:
-            return _from_json(Node(read_json(kept, LogError), f"{kept}: ", LogError))
+            return _from_json(Node(read_json(cached, LogError), f"{cached}: ", LogError))
         except LogError:
             pass  # a broken one is found and written anew
-    found = _find(path, files, world_from_lidar, direction)
+    calibration = _find(path, files, world_from_lidar, direction)
     try:
-        write_file(kept, (json.dumps(_to_json(found)) + "\n").encode())
+        write_file(cached, (json.dumps(_to_json(calibration)) + "\n").encode())
     except OutputError:
         pass  # a cache that cannot be written costs time and nothing else
-    return found
+    return calibration
 
 
 def _find(
@@ -362,8 +362,8 @@ def _identity(files: KittiFiles, world_from_lidar: Trajectory | None, direction:
     return digest.hexdigest()[:32]
 
 
-def _to_json(found: LidarCalibration) -> dict[str, object]:
-    beams, spin, track = found.beams, found.spin, found.trajectory
+def _to_json(calibration: LidarCalibration) -> dict[str, object]:
+    beams, spin, track = calibration.beams, calibration.spin, calibration.trajectory
     return {
         "elevation_rad": beams.elevation_rad.tolist(),
         "height_m": beams.height_m.tolist(),
@@ -375,7 +375,7 @@ def _to_json(found: LidarCalibration) -> dict[str, object]:
         "times_s": [] if track is None else track.times_s.tolist(),
         "positions": [] if track is None else track.positions.tolist(),
         "quaternions_wxyz": [] if track is None else track.quaternions_wxyz.tolist(),
-        "sentence": found.sentence,
+        "sentence": calibration.sentence,
     }
 
 

@@ -48,4 +48,4 @@ def stores_beside(path: Path) -> list[Path]:
         return []
     if not path.exists():
         return []
-    return sorted(one for one in folder.iterdir() if is_store(one) and one.name.startswith(begin))
+    return sorted(store for store in folder.iterdir() if is_store(store) and store.name.startswith(begin))

@@ -58,7 +58,7 @@ def sequence_stores(path: Path) -> list[Path]:
     document = path if path.suffix == ".json" else _document(stores)
     if document is not None:
         node = Node(read_json(document, LogError), f"{document}: ", LogError)
-        listed = [(one.key("path"), one.key("path").text()) for one in node.key("component_stores").elements()]
+        listed = [(entry.key("path"), entry.key("path").text()) for entry in node.key("component_stores").elements()]
         for place, name in listed:
             if Path(name).name != name or not is_store(Path(name)):
                 place.fail(f"must be the name of a store beside the file, not {name!r:.80}")
@@ -200,10 +200,12 @@ class Components:
             index_at = check_index(path)
             with told(path):
                 store = _Store(path, index_at)
-                for one in store.names():
-                    if one in self._names:
-                        raise LogError(f"{path}: holds {one[1]!r:.80}, and so does {self._names[one][1].name}")
-                    self._names[one] = store, path
+                for component in store.names():
+                    if component in self._names:
+                        raise LogError(
+                            f"{path}: holds {component[1]!r:.80}, and so does {self._names[component][1].name}"
+                        )
+                    self._names[component] = store, path
             self._opened_stores.append((store, path))
         about = [(store.sequence_id, store.sequence_timestamp_interval_us) for store, _ in self._opened_stores]
         for other, (_, path) in zip(about, self._opened_stores, strict=True):
@@ -245,11 +247,11 @@ class Components:
     def encoded_image(self, name: str, end_us: int) -> bytes:
         """Return an image's file, JPEG or PNG. Raises `LogError`."""
         self._reload()
-        found = self.cameras[name]
+        camera_part = self.cameras[name]
         where = f"{name}: its image of {end_us} us"
-        with told(found.path, f"{where} cannot be read"):
-            array = found.reader.frame(end_us)["image"]
-        return _bytes(read_array(array, found.path, where, "SVu"))
+        with told(camera_part.path, f"{where} cannot be read"):
+            array = camera_part.reader.frame(end_us)["image"]
+        return _bytes(read_array(array, camera_part.path, where, "SVu"))
 
     def mask(self, name: str, mask: str) -> bytes | None:
         """Return a camera's mask's file, None where there is none. Raises `LogError`."""
@@ -264,10 +266,10 @@ class Components:
     def bundle(self, name: str, end_us: int) -> Bundle:
         """Return a LiDAR's rays. Raises `LogError`."""
         self._reload()
-        found = self.lidars[name]
+        lidar_part = self.lidars[name]
         where = f"{name}: its sweep of {end_us} us"
-        with told(found.path, f"{where} cannot be read"):
-            frame = found.reader.frame(end_us)
+        with told(lidar_part.path, f"{where} cannot be read"):
+            frame = lidar_part.reader.frame(end_us)
             rays, returns, beside = frame["ray_bundle"], frame["ray_bundle_returns"], frame.get("generic_data")
             more = {} if beside is None else {key: beside[key] for key in beside if key.startswith("unisim_")}
             given = beside is not None and beside.attrs.get(DROPS) is True
@@ -276,7 +278,7 @@ class Components:
             back = {key: returns[key] for key in ("distance_m", "intensity")}
 
         def values(array: Any, key: str, kinds: str) -> NDArray[Any]:
-            return read_array(array, found.path, f"{where}, {key},", kinds)
+            return read_array(array, lidar_part.path, f"{where}, {key},", kinds)
 
         return Bundle(
             direction=values(ray["direction"], "direction", "f"),
@@ -289,40 +291,42 @@ class Components:
         )
 
     def _opened(self, kind: type[ComponentReader]) -> dict[str, StoredComponent]:
-        found: dict[str, StoredComponent] = {}
+        parts: dict[str, StoredComponent] = {}
         for (component, name), (store, path) in self._names.items():
             if component == kind.get_component_name():
                 with told(path, f"{component}/{name} cannot be read"):
                     group = store.root[component][name]
                     version = group.attrs["component_version"]
                     if kind.supports_component_version(version):
-                        found[name] = StoredComponent(kind(name, group), path)
+                        parts[name] = StoredComponent(kind(name, group), path)
                     else:
                         self.left_out.append(
                             f"{component}/{name} is left out: nvidia-ncore as installed does not read version {version!r:.40}"
                         )
-        return found
+        return parts
 
     def _any(self, kind: type[ComponentReader]) -> StoredComponent | None:
         """The instance of a kind that NCore's loader takes, or else the only one; others are told."""
-        found = self._opened(kind)
-        chosen = DEFAULT if DEFAULT in found or not found else min(found)
+        parts = self._opened(kind)
+        chosen = DEFAULT if DEFAULT in parts or not parts else min(parts)
         self.left_out += [
             f"{kind.get_component_name()}/{name} is left out: {chosen!r:.80} is read"
-            for name in found
+            for name in parts
             if name != chosen
         ]
-        return found.get(chosen)
+        return parts.get(chosen)
 
     def _one(self, kind: type[ComponentReader], what: str) -> StoredComponent:
-        found = self._opened(kind)
-        if DEFAULT in found:
-            return found[DEFAULT]
-        if len(found) == 1:
-            return next(iter(found.values()))
-        if found:
+        parts = self._opened(kind)
+        if DEFAULT in parts:
+            return parts[DEFAULT]
+        if len(parts) == 1:
+            return next(iter(parts.values()))
+        if parts:
             raise LogError(f"{self.path}: holds {what} of several names")
-        why = next((one for one in self.left_out if one.startswith(f"{kind.get_component_name()}/")), None)
+        why = next(
+            (sentence for sentence in self.left_out if sentence.startswith(f"{kind.get_component_name()}/")), None
+        )
         raise LogError(f"{self.path}: holds no {what}" + (f" ({why})" if why else ""))
 
     def _reload(self) -> None:

@@ -162,10 +162,10 @@ def read_actors(meta: object, place: str) -> tuple[dict[str, tuple[float, float,
         end = np.inf if cells[1].value is None else cells[1].number()
         actors[uid] = (start, end, cells[2].flag())
     classes: dict[str, Motion] = {}
-    for label, one in node.key("classes").members():
-        motion = next((motion for motion in MOTIONS if motion == one.text()), None)
+    for label, named in node.key("classes").members():
+        motion = next((motion for motion in MOTIONS if motion == named.text()), None)
         if motion is None:
-            one.fail(f"must be one of {', '.join(MOTIONS)}")
+            named.fail(f"must be one of {', '.join(MOTIONS)}")
         classes[label] = motion
     return actors, classes
 
@@ -182,7 +182,7 @@ def read_poses(meta: object, place: str) -> dict[str, tuple[bool, bool]]:
         return {}
     added = {}
     for name, row in node.key("added").members():
-        ends = [one.flag() for one in row.elements()]
+        ends = [flag.flag() for flag in row.elements()]
         if len(ends) != 2:
             row.fail("must say it of the first and of the last pose")
         added[name] = (ends[0], ends[1])

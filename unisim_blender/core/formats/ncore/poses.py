@@ -128,10 +128,10 @@ def read_graph(
         matrices = _rigid(np.asarray(poses, np.float64), what)
         seconds = (np.asarray(times_us).astype(np.int64) - epoch_us) / 1e6
         first, last = added.get(_pair(names, place)[0], (False, False))
-        kept = slice(int(first), len(seconds) - int(last))
+        inner = slice(int(first), len(seconds) - int(last))
         try:
             track = Trajectory(seconds, matrices[:, :3, 3], quaternion_from_matrix(matrices[:, :3, :3]))
-            track = Trajectory(track.times_s[kept], track.positions[kept], track.quaternions_wxyz[kept])
+            track = Trajectory(track.times_s[inner], track.positions[inner], track.quaternions_wxyz[inner])
         except TrajectoryError as fault:
             raise LogError(f"{what}: {fault}") from fault
         edges[_pair(names, place)] = Edge(matrices[0], track)

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...data.classes import TABLES, Motion, motion_of
-from ...data.log import Sweep, SweepGrid
-from ...data.sweep_cells import make_grid
+from ...data.log import Sweep
 from ...data.values import Intensities, spread
 from ...errors import LogError, in_a_line
 from ...geometry import FloatArray, Trajectory
@@ -52,7 +51,7 @@ class NcoreLog(FileLog):
         place = str(parts.stores[0])
         extras = read_sequence(parts.meta, place)
         stamps = {
-            kind: {name: parts.stamps(found, name) for name, found in sensors.items()}
+            kind: {name: parts.stamps(part, name) for name, part in sensors.items()}
             for kind, sensors in (("cameras", parts.cameras), ("lidars", parts.lidars))
         }
         leading = _leading(stamps, self.path)
@@ -74,13 +73,13 @@ class NcoreLog(FileLog):
         ego = graph.track(vehicle, WORLD, arcs)
         origin = np.zeros(3) if extras is not None else ego.positions_at(time_s[min(time_s)])
         self._origin = origin
-        found_cameras = {
-            name: self._camera(name, found, stamps["cameras"][name], graph, arcs, time_s)
-            for name, found in parts.cameras.items()
+        of_cameras = {
+            name: self._camera(name, part, stamps["cameras"][name], graph, arcs, time_s)
+            for name, part in parts.cameras.items()
         }
-        found_lidars = {
-            name: self._lidar(name, found, stamps["lidars"][name], graph, arcs, time_s)
-            for name, found in parts.lidars.items()
+        of_lidars = {
+            name: self._lidar(name, part, stamps["lidars"][name], graph, arcs, time_s)
+            for name, part in parts.lidars.items()
         }
         actors, self.classes = self._actors(graph, time_s)
         self.drive = Drive(
@@ -88,8 +87,8 @@ class NcoreLog(FileLog):
             frames=tuple(sorted(time_s)),
             time_s=time_s,
             world_from_ego=_moved(ego, origin),
-            cameras={name: camera for name, camera in found_cameras.items() if camera is not None},
-            lidars={name: lidar for name, lidar in found_lidars.items() if lidar is not None},
+            cameras={name: camera for name, camera in of_cameras.items() if camera is not None},
+            lidars={name: lidar for name, lidar in of_lidars.items() if lidar is not None},
             actors=actors,
             world_origin=origin + _shift(graph),
         )
@@ -157,23 +156,13 @@ class NcoreLog(FileLog):
         bright = (self._parts.bundle(lidar, ends[frame]).intensity for frame in spread(ends))
         return [values[np.isfinite(values)] for values in bright]
 
-    def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
-        """The recorded sweep as beams x columns, with drops."""
-        sweep = self.sweep(lidar, frame)
-        model = self.drive.lidars[lidar].model
-        if model.beams == 0:
-            raise LogError(f"{self.path}: {lidar} does not scan beams x columns, ask for its plain sweep")
-        if sweep.drops is not None:
-            return make_grid(sweep, self.drive.lidars[lidar], frame, np.zeros((model.beams, model.columns), np.bool_))
-        return make_grid(sweep, self.drive.lidars[lidar], frame, self._find_never_returned(lidar))
-
     def _seconds(self, times_us: NDArray[np.int64]) -> FloatArray:
         return np.asarray((times_us - self._epoch_us) / 1e6)
 
     def _camera(
         self,
         name: str,
-        found: StoredComponent,
+        part: StoredComponent,
         stamps: NDArray[np.int64],
         graph: PoseGraph,
         arcs: bool,
@@ -181,11 +170,11 @@ class NcoreLog(FileLog):
     ) -> Camera | None:
         try:
             parameters = self._parts.camera_parameters(name)
-            model = cameras.model_of(parameters, f"{found.path}: camera {name}")
+            model = cameras.model_of(parameters, f"{part.path}: camera {name}")
         except LogError as fault:
             self._missing.append(f"camera {name} is left out: {fault}")
             return None
-        extras = read_sensor(found.meta, f"{found.path}: {name}")
+        extras = read_sensor(part.meta, f"{part.path}: {name}")
         kind, seconds = parameters.shutter_type.name, self._seconds(stamps)
         span_s = float(np.median(np.diff(seconds))) if len(seconds) else 0.0
         shutter = shutters.shutter_of(kind, span_s, model.width, model.height)
@@ -196,7 +185,7 @@ class NcoreLog(FileLog):
         model = replace(model, shutter=shutter)
         return Camera(
             sensor_id=name,
-            model=model if extras is None else extras.camera(model, f"{found.path}: camera {name}"),
+            model=model if extras is None else extras.camera(model, f"{part.path}: camera {name}"),
             world_from_camera=self._track(name, stamps, graph, arcs),
             time_s=captures,
             sees_ego_body=extras is not None and extras.sees_ego_body,
@@ -206,15 +195,15 @@ class NcoreLog(FileLog):
     def _lidar(
         self,
         name: str,
-        found: StoredComponent,
+        part: StoredComponent,
         stamps: NDArray[np.int64],
         graph: PoseGraph,
         arcs: bool,
         time_s: dict[int, float],
     ) -> Lidar | None:
         parameters = self._parts.lidar_parameters(name)
-        extras = read_sensor(found.meta, f"{found.path}: {name}")
-        model = None if parameters is None else beams.model_of(parameters, f"{found.path}: LiDAR {name}")
+        extras = read_sensor(part.meta, f"{part.path}: {name}")
+        model = None if parameters is None else beams.model_of(parameters, f"{part.path}: LiDAR {name}")
         seconds = self._seconds(stamps)
         if extras is not None and extras.table is not None:
             model = extras.completed(model)
@@ -262,28 +251,30 @@ class NcoreLog(FileLog):
         return captures
 
     def _actors(self, graph: PoseGraph, time_s: Mapping[int, float]) -> tuple[dict[str, Actor], dict[str, Motion]]:
-        found = self._parts.cuboids
-        if found is None:
+        cuboids = self._parts.cuboids
+        if cuboids is None:
             self._missing.append("there are no cuboids")
             return {}, {}
 
         def observations() -> Iterator[Any]:
-            with told(found.path, "its cuboids cannot be read"):
-                yield from found.reader.observations()
+            with told(cuboids.path, "its cuboids cannot be read"):
+                yield from cuboids.reader.observations()
 
-        given, classes = read_actor_extras(found.meta, str(found.path))
+        given, classes = read_actor_extras(cuboids.meta, str(cuboids.path))
         tracks: dict[str, Trajectory] = {}
 
         def world_from(frame: str, times: FloatArray) -> FloatArray:
             if frame not in tracks:
                 if frame not in graph:
-                    raise LogError(f"{found.path}: a cuboid is in the frame {frame!r:.80}, of which there are no poses")
+                    raise LogError(
+                        f"{cuboids.path}: a cuboid is in the frame {frame!r:.80}, of which there are no poses"
+                    )
                 tracks[frame] = _moved(graph.track(frame, WORLD, False), self._origin)
             return tracks[frame].at(times)
 
         times = np.array(sorted(time_s.values()))
         margin = float(np.median(np.diff(times))) / 2 if len(times) > 1 else 0.05
-        actors = read_actors(observations, str(found.path), world_from, self._epoch_us, margin, given)
+        actors = read_actors(observations, str(cuboids.path), world_from, self._epoch_us, margin, given)
         for label in sorted({actor.label for actor in actors.values()}):
             motion = classes.get(label) or _motion(label)
             if motion is not None:
@@ -302,10 +293,10 @@ class NcoreLog(FileLog):
                 )
         return _moved(track, self._origin)
 
-    def _note_missing(self, what: str, one: str, time_s: Mapping[int, float], there: Mapping[int, int]) -> None:
+    def _note_missing(self, what: str, capture: str, time_s: Mapping[int, float], there: Mapping[int, int]) -> None:
         absent = sum(frame not in there for frame in time_s)
         if there and absent:
-            self._missing.append(f"{what}: no {one} of {absent} of {len(time_s)} frames")
+            self._missing.append(f"{what}: no {capture} of {absent} of {len(time_s)} frames")
 
 
 def _leading(stamps: Mapping[str, Mapping[str, NDArray[np.int64]]], path: Path) -> NDArray[np.int64]:

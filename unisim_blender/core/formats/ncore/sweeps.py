@@ -129,17 +129,17 @@ def bundle_of(sweep: Sweep, lidar: Lidar, frame: int, epoch_us: int) -> Bundle:
     """Return a sweep as NCore has it, its rays in the order of time; returns without a distance are left out."""
     offset = sweep.points - sweep.origins
     distance = np.linalg.norm(offset, axis=1)
-    kept = np.flatnonzero(distance > 0)
-    offset, distance = offset[kept], distance[kept]
+    returned = np.flatnonzero(distance > 0)
+    offset, distance = offset[returned], distance[returned]
     directions = offset / distance[:, None]
-    rank = np.zeros(len(kept), np.int32) if sweep.rank is None else sweep.rank[kept]
+    rank = np.zeros(len(returned), np.int32) if sweep.rank is None else sweep.rank[returned]
     first = np.flatnonzero(rank == 0)
-    ray = _rays(rank, sweep.time_s[kept], directions)
+    ray = _rays(rank, sweep.time_s[returned], directions)
     drops = sweep.drops if sweep.drops is not None else _NO_DROPS
-    time_s = np.concatenate([sweep.time_s[kept][first], drops.time_s])
+    time_s = np.concatenate([sweep.time_s[returned][first], drops.time_s])
     world = np.concatenate([directions[first], drops.directions])
     ring, column = (
-        np.concatenate([getattr(sweep, name)[kept][first], getattr(drops, name)]) for name in ("ring", "column")
+        np.concatenate([getattr(sweep, name)[returned][first], getattr(drops, name)]) for name in ("ring", "column")
     )
     order = np.lexsort((ring, time_s))
     ray = np.argsort(order)[ray]
@@ -152,11 +152,11 @@ def bundle_of(sweep: Sweep, lidar: Lidar, frame: int, epoch_us: int) -> Bundle:
     shape = returns, len(time_s)
     depth, bright = np.full(shape, np.nan, np.float32), np.full(shape, np.nan, np.float32)
     depth[rank, ray] = distance
-    bright[rank, ray] = np.clip(np.nan_to_num(sweep.intensity[kept]), 0, 1)
+    bright[rank, ray] = np.clip(np.nan_to_num(sweep.intensity[returned]), 0, 1)
     more: dict[str, NDArray[Any]] = {NANOSECONDS: np.rint((time_s * 1e6 - whole) * 1e3).astype(np.int16)}
     if (sweep.semantic >= 0).any():
         more[CLASSES] = np.full(shape, -1, np.int32)
-        more[CLASSES][rank, ray] = sweep.semantic[kept]
+        more[CLASSES][rank, ray] = sweep.semantic[returned]
     element = None
     model = lidar.model_at(lidar.time_s[frame])
     if model.beams:
@@ -208,18 +208,18 @@ def _check(bundle: Bundle, count: int, place: str) -> None:
     }
     if bundle.model_element is not None:
         shapes["model_element"] = (bundle.model_element.shape, (count, 2))
-    for name, (found, wanted) in shapes.items():
-        if found != wanted:
-            raise LogError(f"{place}: {name} is {found}, not {wanted}")
+    for name, (shape, wanted) in shapes.items():
+        if shape != wanted:
+            raise LogError(f"{place}: {name} is {shape}, not {wanted}")
     if bundle.distance_m.ndim != 2 or bundle.distance_m.shape[1] != count or len(bundle.distance_m) > MOST_RETURNS:
         raise LogError(f"{place}: distance_m is {bundle.distance_m.shape}, not returns x {count}")
 
 
 def _beside(bundle: Bundle, name: str, shape: tuple[int, ...], place: str) -> NDArray[Any]:
-    found = bundle.more[name]
-    if found.shape != shape:
-        raise LogError(f"{place}: {name} is {found.shape}, not {shape}")
-    return found
+    values = bundle.more[name]
+    if values.shape != shape:
+        raise LogError(f"{place}: {name} is {values.shape}, not {shape}")
+    return values
 
 
 def _cells(
@@ -282,5 +282,5 @@ def _nearest(local: FloatArray, model: LidarModel) -> tuple[NDArray[np.int32], N
     level = model.elevation_rad[ring]
     azimuth = np.arctan2(local[:, 1], local[:, 0])
     flat = np.stack([np.cos(level) * np.cos(azimuth), np.cos(level) * np.sin(azimuth), np.sin(level)], -1)
-    found, column = find_cells(flat, replace(model))
-    return ring.astype(np.int32), np.where(found >= 0, column, 0).astype(np.int32)
+    ring, column = find_cells(flat, replace(model))
+    return ring.astype(np.int32), np.where(ring >= 0, column, 0).astype(np.int32)

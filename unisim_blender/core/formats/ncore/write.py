@@ -9,11 +9,11 @@ The folder appears under its name when all of it is written, and never where any
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
@@ -28,9 +28,11 @@ from ...data.log import Log, Sweep
 from ...data.sweep_cells import with_drops
 from ...errors import OutputError, in_a_line
 from ...files import PARTIAL_SUFFIX, write_file
+from ...geometry import Trajectory
 from ...sensors.frames import LidarFrame
 from ...world.captures import microseconds
 from ...world.drive import FRAME_MARGIN_S, Camera, Drive, Lidar
+from ..common.image_bytes import check_size, encoded_for
 from . import cameras, extras
 from . import cameras as shutters
 from . import sweeps as beams
@@ -49,7 +51,7 @@ SHARED = ""
 class NcoreWriter:
     """Writes ``drive`` to a new folder ``path``, which must not be there or be empty: `NAME.ncore4.zarr.itar` and `NAME.json`.
 
-    ``epoch_us`` is NCore's time of the drive's 0 s. ``jpeg_quality`` is Pillow's, 1 to 100. ``classes`` says how actors of the
+    ``epoch_us`` is NCore's time of the drive's 0 s. ``classes`` says how actors of the
     drive's classes move, where no known table does. A sensor of which nothing is written is left out. Leaving a `with` block
     finishes the sequence, or discards it where it failed. Raises `OutputError` for what NCore has no place for,
     ModuleNotFoundError where `nvidia-ncore` is not installed.
@@ -63,7 +65,6 @@ class NcoreWriter:
         path: Path | str,
         drive: Drive,
         epoch_us: int = EPOCH_US,
-        jpeg_quality: int = 95,
         classes: Mapping[str, Motion] | None = None,
         only: str | None = None,
     ) -> None:
@@ -71,7 +72,7 @@ class NcoreWriter:
 
         self.path = Path(path)
         self.drive = drive
-        self._epoch_us, self._quality, self._classes = epoch_us, jpeg_quality, dict(classes or {})
+        self._epoch_us, self._classes = epoch_us, dict(classes or {})
         self._start_us, self._end_us = self._span()
         self._only = only
         if only is None and self.path.exists() and (not self.path.is_dir() or any(self.path.iterdir())):
@@ -108,11 +109,11 @@ class NcoreWriter:
     def write_image(self, camera: str, frame: int, image: NDArray[np.uint8] | bytes) -> None:
         """Write an image (H, W, 3), sRGB, of the camera's size, or the bytes of a JPEG or PNG file, kept as they are."""
         sensor = self._sensor(self.drive.cameras, camera, frame)
-        content = image if isinstance(image, bytes) else self._encoded(sensor, image)
+        content = image if isinstance(image, bytes) else encoded_for(sensor, image)
         form = next((form for begin, form in SIGNATURES.items() if content.startswith(begin)), None)
         if form is None:
             raise OutputError(f"{camera}: the image of frame {frame} is neither JPEG nor PNG")
-        self._check_size(sensor, frame, content)
+        check_size(content, sensor.model, f"{camera}: the image of frame {frame}")
         start, end = (self._us(time) for time in shutters.exposed(sensor, sensor.time_s[frame]))
         with self._asked(f"{camera}: its image of frame {frame}"):
             self._component(camera, self._v4.CameraSensorComponent.Writer).store_frame(
@@ -247,10 +248,7 @@ class NcoreWriter:
         self._poses.store_static_pose(WORLD, GLOBAL, origin)
         added = {}
         tracks = {RIG: drive.world_from_ego}
-        sensors: list[Camera | Lidar] = [*drive.cameras.values(), *drive.lidars.values()]
-        for sensor in sensors:
-            name = sensor.sensor_id
-            track = sensor.world_from_camera if isinstance(sensor, Camera) else sensor.world_from_lidar
+        for name, track in self._sensor_tracks.items():
             mount = self.mounts[name]
             if mount is None:
                 tracks[name] = track
@@ -267,13 +265,18 @@ class NcoreWriter:
     def mounts(self) -> dict[str, Mount | None]:
         """Where sensors sit on the vehicle, by name; None for those that do not ride on it, which get poses over time."""
         start, end = ((time - self._epoch_us) / 1e6 for time in (self._start_us, self._end_us))
-        sensors: list[Camera | Lidar] = [*self.drive.cameras.values(), *self.drive.lidars.values()]
-        found = {}
-        for sensor in sensors:
-            track = sensor.world_from_camera if isinstance(sensor, Camera) else sensor.world_from_lidar
-            captured = np.array(sorted(sensor.time_s.values()))
-            found[sensor.sensor_id] = mount_of(track, self.drive.world_from_ego, start, end, captured)
-        return found
+        sensors: dict[str, Camera | Lidar] = {**self.drive.cameras, **self.drive.lidars}
+        times = {name: np.array(sorted(sensor.time_s.values())) for name, sensor in sensors.items()}
+        return {
+            name: mount_of(track, self.drive.world_from_ego, start, end, times[name])
+            for name, track in self._sensor_tracks.items()
+        }
+
+    @property
+    def _sensor_tracks(self) -> dict[str, Trajectory]:
+        """The trajectories of all sensors by name."""
+        cameras = {name: camera.world_from_camera for name, camera in self.drive.cameras.items()}
+        return cameras | {name: lidar.world_from_lidar for name, lidar in self.drive.lidars.items()}
 
     def _write_cuboids(self) -> None:
         from ncore import data
@@ -306,9 +309,8 @@ class NcoreWriter:
         """The sequence's first and last microsecond: all that a sensor measures lies between them."""
         drive = self.drive
         sensors: list[Camera | Lidar] = [*drive.cameras.values(), *drive.lidars.values()]
-        times = np.array(
-            [drive.time_s[frame] for frame in drive.frames] + [t for s in sensors for t in s.time_s.values()]
-        )
+        captured = [time_s for sensor in sensors for time_s in sensor.time_s.values()]
+        times = np.array([*(drive.time_s[frame] for frame in drive.frames), *captured])
         if not len(times) or not np.isfinite(times).all():
             raise OutputError(f"{self.path}: a drive without frames, or with times that are not finite, is no sequence")
         start, end = self._us(times.min() - FRAME_MARGIN_S), self._us(times.max() + FRAME_MARGIN_S)
@@ -342,50 +344,19 @@ class NcoreWriter:
             )
         return start, end
 
-    def _encoded(self, camera: Camera, rgb: NDArray[np.uint8]) -> bytes:
-        from PIL import Image
-
-        model = camera.model
-        if rgb.shape != (model.height, model.width, 3) or rgb.dtype != np.uint8:
-            raise OutputError(
-                f"{camera.sensor_id}: an image of {rgb.shape} {rgb.dtype} is none of {model.width}x{model.height} pixels"
-            )
-        buffer = io.BytesIO()
-        Image.fromarray(rgb).save(buffer, "JPEG", quality=self._quality, subsampling=0)
-        return buffer.getvalue()
-
-    def _check_size(self, camera: Camera, frame: int, content: bytes) -> None:
-        from PIL import Image
-
-        size = camera.model.width, camera.model.height
-        try:
-            with Image.open(io.BytesIO(content)) as image:
-                found = image.size
-        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as fault:
-            raise OutputError(
-                f"{camera.sensor_id}: the image of frame {frame} is broken ({in_a_line(fault)})"
-            ) from fault
-        if found != size:
-            raise OutputError(f"{camera.sensor_id}: the image of frame {frame} is {found}, the camera's are {size}")
-
-    def _asked(self, what: str) -> _Asked:
-        return _Asked(f"{self.path}: {what}")
+    def _asked(self, what: str) -> AbstractContextManager[None]:
+        return _asked(f"{self.path}: {what}")
 
 
-class _Asked:
-    """Turns what NCore's writers assert into one sentence."""
-
-    def __init__(self, where: str) -> None:
-        self._where = where
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, OSError):
-            raise OutputError(f"{self._where}: cannot be written: {error.strerror}") from error
-        if isinstance(error, AssertionError | ValueError | KeyError):
-            raise OutputError(f"{self._where}: NCore does not take it: {in_a_line(error)}") from error
+@contextmanager
+def _asked(where: str) -> Iterator[None]:
+    """Turn what NCore's writers assert into one sentence."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"{where}: cannot be written: {error.strerror}") from error
+    except (AssertionError, ValueError, KeyError) as error:
+        raise OutputError(f"{where}: NCore does not take it: {in_a_line(error)}") from error
 
 
 def sequence_name(drive: Drive) -> str:
@@ -405,7 +376,7 @@ def write_index(folder: Path, drive: Drive) -> None:
     from upath import UPath
 
     name = sequence_name(drive)
-    with _Asked(f"{folder}: {name}.json"):
+    with _asked(f"{folder}: {name}.json"):
         stores = [UPath(store) for store in sorted(folder.glob("*.zarr.itar"))]
         meta: dict[str, Any] = v4.SequenceComponentGroupsReader(stores).get_sequence_meta().to_dict()
         # they are opened at once, and listed as they come
@@ -421,12 +392,12 @@ def write_ncore(
     path: Path | str,
     log: Log,
     epoch_us: int = EPOCH_US,
-    told: Callable[[str, int], None] | None = None,
+    on_capture: Callable[[str, int], None] | None = None,
 ) -> None:
     """Write a whole log as an NCore sequence in a new folder: images as they are, sweeps with drops, poses, cuboids, masks.
 
-    Drops that the log does not give are those that its beam tables say. ``told`` is called with sensor and frame after each image
-    and sweep. Raises `OutputError`, `LogError`.
+    Drops that the log does not give are those that its beam tables say. ``on_capture`` is called with sensor and frame after
+    each image and sweep. Raises `OutputError`, `LogError`.
     """
     with NcoreWriter(path, log.drive, epoch_us, classes=getattr(log, "classes", None)) as writer:
         mask_of = getattr(log, "own_vehicle_mask", None)
@@ -436,10 +407,10 @@ def write_ncore(
                 writer.write_mask(name, mask)
             for frame in log.image_frames(name):
                 writer.write_image(name, frame, encoded_image(log, name, frame))
-                if told is not None:
-                    told(name, frame)
+                if on_capture is not None:
+                    on_capture(name, frame)
         for name in log.drive.lidars:
             for frame in log.sweep_frames(name):
                 writer.write_sweep(name, frame, with_drops(log, name, frame))
-                if told is not None:
-                    told(name, frame)
+                if on_capture is not None:
+                    on_capture(name, frame)

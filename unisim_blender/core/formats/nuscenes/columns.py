@@ -46,12 +46,17 @@ def find_beams(sweeps: Sequence[tuple[SweepColumns, FloatArray]], columns: int, 
             elevation[ring].append(height[ring, used[ring]])
             offsets[ring].append(np.angle(np.exp(1j * (turned[ring, used[ring]] - start))))
     table = np.radians(TABLE_DEG)
-    found = [np.concatenate(parts) if parts else np.zeros(0) for parts in elevation]
-    heights = np.array([np.median(one) if len(one) >= FEWEST else table[ring] for ring, one in enumerate(found)])
+    of_rings = [np.concatenate(parts) if parts else np.zeros(0) for parts in elevation]
+    heights = np.array(
+        [
+            np.median(elevations) if len(elevations) >= FEWEST else table[ring]
+            for ring, elevations in enumerate(of_rings)
+        ]
+    )
     beside = [np.concatenate(parts) if parts else np.zeros(0) for parts in offsets]
     return LidarModel(
         elevation_rad=heights,
-        azimuth_offset_rad=np.array([float(np.median(one)) if len(one) >= FEWEST else 0.0 for one in beside]),
+        azimuth_offset_rad=np.array([float(np.median(part)) if len(part) >= FEWEST else 0.0 for part in beside]),
         columns=columns,
         sweep_s=turn_s,
         start_azimuth_rad=_mean_angle(np.array(starts)) if starts else np.pi / 2,
@@ -189,14 +194,14 @@ def _origins(points: FloatArray, expected: FloatArray) -> tuple[FloatArray, Bool
 
 def _parabola(x: FloatArray, y: FloatArray, at: FloatArray) -> FloatArray:
     """A parabola through most of points x, y (N,), evaluated at (M,)."""
-    kept = np.ones(len(x), bool)
+    inliers = np.ones(len(x), bool)
     degree = 2 if np.ptp(x) > 0.3 else 1
     values = np.zeros(len(at))
     for _ in range(4):
-        fit = np.polyfit(x[kept], y[kept], degree)
+        fit = np.polyfit(x[inliers], y[inliers], degree)
         off = np.abs(y - np.polyval(fit, x))
         values = np.polyval(fit, at)
-        kept = off <= max(5 * float(np.median(off[kept])), 1e-4)
+        inliers = off <= max(5 * float(np.median(off[inliers])), 1e-4)
     return np.asarray(values)
 
 

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...data.classes import NUSCENES
-from ...data.log import Drops, Sweep, SweepGrid
-from ...data.sweep_cells import make_grid
+from ...data.log import Drops, Sweep
 from ...data.values import Intensities, spread
 from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, TrajectoryError
@@ -134,17 +133,9 @@ class NuscenesLog(FileLog):
             read_columns(self._sweeps[frame], rings=self._rings).intensity.ravel() for frame in spread(self._sweeps)
         ]
 
-    def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
-        """The recorded sweep as beams x columns; of cells that the vehicle's roof blocks nothing is known."""
-        sweep = self.sweep(lidar, frame)
-        model = self.drive.lidars[lidar].model
-        return make_grid(sweep, self.drive.lidars[lidar], frame, np.zeros((model.beams, model.columns), np.bool_))
-
     def _read(self, lidar: str, frame: int) -> tuple[SweepColumns, FloatArray]:
         """A sweep's columns and their times."""
-        path = self._sweeps.get(frame)
-        if path is None or lidar not in self.drive.lidars:
-            raise LogError(f"{self.path}: {lidar} has no sweep of frame {frame}")
+        path = self._sweep_place(lidar, frame)
         sensor = self.drive.lidars[lidar]
         columns, time_s = self._columns(path, sensor.world_from_lidar, self.drive.time_s[frame], sensor.model.sweep_s)
         if columns.count > sensor.model.columns:
@@ -242,10 +233,10 @@ class NuscenesLog(FileLog):
         poses[:, :3, 3] -= origin
         frame_times = np.array([self._seconds(stamp) for stamp in boxes.stamp_us])
         keys = frame_times if lidar is None else passing_times(lidar, poses[:, :3, 3], frame_times)
-        found = TrackedBoxes(
+        tracked = TrackedBoxes(
             np.array(boxes.uid), np.array(boxes.label), frame_times, poses, np.stack(boxes.size_m), keys
         )
-        return actors_of_boxes(scene.tables / "sample_annotation.json", found)
+        return actors_of_boxes(scene.tables / "sample_annotation.json", tracked)
 
 
 def _setup_of(scene: NuScenesScene) -> LogSetup | None:

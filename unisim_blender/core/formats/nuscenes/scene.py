@@ -81,16 +81,16 @@ def read_scene(path: Path) -> NuScenesScene:
     data = list(rows(tables / "sample_data.json", "sample_token", samples))
     mounts = by_token(tables / "calibrated_sensor.json", {row.key("calibrated_sensor_token").text() for row in data})
     kinds = by_token(tables / "sensor.json", {row.key("sensor_token").text() for row in mounts.values()})
-    found: dict[str, list[Node]] = {}
+    captures: dict[str, list[Node]] = {}
     for row in data:
         kind = kinds[mounts[row.key("calibrated_sensor_token").text()].key("sensor_token").text()]
         if kind.key("modality").text() in KINDS:
-            found.setdefault(kind.key("channel").text(), []).append(row)
-    if LIDAR not in found:
+            captures.setdefault(kind.key("channel").text(), []).append(row)
+    if LIDAR not in captures:
         raise LogError(f"{tables / 'sample_data.json'}: has no sweep of {LIDAR} in {name}")
-    used = {row.key("ego_pose_token").text() for parts in found.values() for row in parts}
+    used = {row.key("ego_pose_token").text() for parts in captures.values() for row in parts}
     stamps, poses = _poses(by_token(tables / "ego_pose.json", used))
-    sensors = {channel: _sensor(root, channel, parts, mounts) for channel, parts in sorted(found.items())}
+    sensors = {channel: _sensor(root, channel, parts, mounts) for channel, parts in sorted(captures.items())}
     return NuScenesScene(name, description, tables, sensors, stamps, poses, _boxes(tables, samples))
 
 
@@ -119,10 +119,10 @@ def _pose(row: Node) -> FloatArray:
     return make_pose(row.key("translation").array(3), quaternion(row.key("rotation")))
 
 
-def _poses(found: dict[str, Node]) -> tuple[NDArray[np.int64], FloatArray]:
+def _poses(pose_rows: dict[str, Node]) -> tuple[NDArray[np.int64], FloatArray]:
     """Poses at increasing stamps: of several at one stamp the first."""
-    stamps = np.array([row.key("timestamp").integer(at_least=0) for row in found.values()], np.int64)
-    poses = np.stack([_pose(row) for row in found.values()])
+    stamps = np.array([row.key("timestamp").integer(at_least=0) for row in pose_rows.values()], np.int64)
+    poses = np.stack([_pose(row) for row in pose_rows.values()])
     stamps, first = np.unique(stamps, return_index=True)
     return stamps, poses[first]
 
@@ -175,14 +175,14 @@ def _intrinsics(node: Node) -> FloatArray:
 
 def _boxes(tables: Path, samples: dict[str, Node]) -> BoxRows:
     boxes = BoxRows()
-    found = list(rows(tables / "sample_annotation.json", "sample_token", samples))
-    instances = by_token(tables / "instance.json", {row.key("instance_token").text() for row in found})
+    annotations = list(rows(tables / "sample_annotation.json", "sample_token", samples))
+    instances = by_token(tables / "instance.json", {row.key("instance_token").text() for row in annotations})
     categories = by_token(tables / "category.json", {row.key("category_token").text() for row in instances.values()})
     labels = {
         token: categories[row.key("category_token").text()].key("name").text() for token, row in instances.items()
     }
     stamps = {token: row.key("timestamp").integer(at_least=0) for token, row in samples.items()}
-    for row in sorted(found, key=lambda row: stamps[row.key("sample_token").text()]):
+    for row in sorted(annotations, key=lambda row: stamps[row.key("sample_token").text()]):
         width, length, height = row.key("size").array(3)
         if not min(width, length, height) > 0:
             row.key("size").fail("is not positive")
@@ -290,11 +290,11 @@ def rows(path: Path, key: str, wanted: Collection[str] | None = None) -> Iterato
 
 def by_token(path: Path, wanted: Collection[str] | None = None) -> dict[str, Node]:
     """Return rows by their tokens. Raises `LogError` for wanted ones that are missing."""
-    found = {row.key("token").text(): row for row in rows(path, "token", wanted)}
-    absent = [token for token in wanted or () if token not in found]
+    by_name = {row.key("token").text(): row for row in rows(path, "token", wanted)}
+    absent = [token for token in wanted or () if token not in by_name]
     if absent:
         raise LogError(f"{path}: has no row {absent[0]!r}" + (f", nor {len(absent) - 1} others" if absent[1:] else ""))
-    return found
+    return by_name
 
 
 def _all(path: Path, key: str, wanted: Collection[str] | None) -> Iterator[Node]:
@@ -309,8 +309,8 @@ def _all(path: Path, key: str, wanted: Collection[str] | None) -> Iterator[Node]
         return
     name = re.compile(rf'"{re.escape(key)}"\s*:\s*"([^"]*)"')
     for number, text in enumerate(_rows_as_text(path)):
-        found = name.search(text)
-        if found is None or found.group(1) not in wanted:
+        match = name.search(text)
+        if match is None or match.group(1) not in wanted:
             continue
         try:
             row = json.loads(text)
@@ -327,9 +327,9 @@ def _rows_as_text(path: Path) -> Iterator[str]:
             while piece := stream.read(PIECE_BYTES):
                 text = rest + piece
                 end = 0
-                for found in _ROW.finditer(text):
-                    end = found.end()
-                    yield found.group()
+                for match in _ROW.finditer(text):
+                    end = match.end()
+                    yield match.group()
                 rest = text[end:]
                 if len(rest) > PIECE_BYTES:
                     raise LogError(f"{path}: is no table of rows")

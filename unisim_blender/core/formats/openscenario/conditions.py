@@ -94,7 +94,7 @@ class Trigger:
         if not self.groups:
             return self.met_when_empty
         # all are asked each time, as an edge is seen only by who looked before
-        return any([all([one.met(board, time_s) for one in group]) for group in self.groups])
+        return any([all([condition.met(board, time_s) for condition in group]) for group in self.groups])
 
 
 class Conditions:
@@ -107,16 +107,16 @@ class Conditions:
         """Read a trigger. A group with a condition that is not understood is never met, and a sentence says so."""
         groups = []
         for group in [] if node is None else node.children("ConditionGroup"):
-            found, complete = [], True
-            for one in group.at(place).children("Condition"):
+            conditions, complete = [], True
+            for condition in group.at(place).children("Condition"):
                 try:
-                    found.append(self._condition(one))
+                    conditions.append(self._condition(condition))
                 except NotUnderstoodError as fault:
                     self.document.say(f"{fault} is not understood: its group of conditions is never met", place)
-                    one.settled()
+                    condition.settled()
                     complete = False
             if complete:
-                groups.append(found)
+                groups.append(conditions)
             elif not groups:
                 groups.append([NEVER])
         return Trigger(groups, met_when_empty)
@@ -148,11 +148,11 @@ class Conditions:
             wanted = state.choice("state", STATES)
             return lambda time_s: self.board.is_in_state(kind, name, wanted)
         for tag, values in (("Parameter", self.board.parameters), ("Variable", self.board.variables)):
-            found = node.child(f"{tag}Condition")
-            if found is not None:
+            condition = node.child(f"{tag}Condition")
+            if condition is not None:
                 self.board.needs_steps = True
-                name = found.name_in(f"{tag.lower()}Ref")
-                rule, value = found.choice("rule", RULES), found.text("value")
+                name = condition.name_in(f"{tag.lower()}Ref")
+                rule, value = condition.choice("rule", RULES), condition.text("value")
                 if name not in values:
                     raise NotUnderstoodError(f"{tag}Condition with {short(name)} (which is not declared)")
                 return lambda time_s, values=values, name=name: _compares(values[name], rule, value)  # type: ignore[misc]
@@ -169,8 +169,10 @@ class Conditions:
 
         def met(time_s: float) -> bool:
             # all are asked, as some conditions remember
-            found = [one.is_there and one.place(time_s) is not None and ask(one, time_s) for one in entities]
-            return bool(found) and (all(found) if every else any(found))
+            answers = [
+                entity.is_there and entity.place(time_s) is not None and ask(entity, time_s) for entity in entities
+            ]
+            return bool(answers) and (all(answers) if every else any(answers))
 
         return met
 

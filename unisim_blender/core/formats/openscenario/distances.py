@@ -31,9 +31,9 @@ def distance_between(
         return boxes_apart(box, outline + np.array([[0, 0], [1e-6, 0], [1e-6, 1e-6], [0, 1e-6]]))
     axis, ahead = own[3], None
     if system != "entity":
-        found = entity.on_path(time_s)
-        if found is not None:
-            curve, s, left = found
+        path = entity.on_path(time_s)
+        if path is not None:
+            curve, s, left = path
             s_other, left_other = curve.project(there[0], there[1])
             axis = curve.at(s)[3]
             if system != "ahead":

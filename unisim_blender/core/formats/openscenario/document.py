@@ -56,12 +56,12 @@ class Document:
         places: dict[str, list[str]] = {}
         for place, sentence in self.sentences:
             places.setdefault(sentence, []).append(place)
-        found = []
+        losses = []
         for sentence, where in places.items():
             others, more = ", ".join(where[1:4]), len(where) - 4
             many = f" (and at {others}{f' and {more} more places' if more > 0 else ''})" if others else ""
-            found.append(f"{where[0]}: {sentence}{many}" if where[0] else f"{sentence}{many}")
-        return found + self._unread()
+            losses.append(f"{where[0]}: {sentence}{many}" if where[0] else f"{sentence}{many}")
+        return losses + self._unread()
 
     def settle(self, element: Element) -> None:
         """Note that a sentence, or another reader, has dealt with an element and all that it holds."""
@@ -81,15 +81,15 @@ class Document:
             self._catalogs = dict(self._read_catalogs(reference.scope))
         key = reference.text("catalogName"), reference.text("entryName")
         given = {
-            one.name_in("parameterRef"): one.text("value")
+            assignment.name_in("parameterRef"): assignment.text("value")
             for holder in reference.children("ParameterAssignments")
-            for one in holder.children("ParameterAssignment")
+            for assignment in holder.children("ParameterAssignment")
         }
-        found = self._catalogs.get(key)
-        if found is None:
+        entry = self._catalogs.get(key)
+        if entry is None:
             wanted = f"{short(key[1])} of the catalog {short(key[0])}"
             raise NotUnderstoodError(f"CatalogReference to {wanted} (which no file of CatalogLocations has)")
-        element, _ = found
+        element, _ = entry
         if all(element is not root for root, _ in self._roots):
             self._roots.append((element, f"catalog {key[0]}"))
         self.visit(element)
@@ -99,11 +99,11 @@ class Document:
     def _read_catalogs(self, scope: Scope) -> Iterator[tuple[tuple[str, str], tuple[Element, Path]]]:
         """Give the entries of all catalogs by catalog and name. What is no catalog is said."""
         read = 0
-        for one in self.root.findall("CatalogLocations//Directory"):
+        for directory in self.root.findall("CatalogLocations//Directory"):
             try:
-                folder = self.path.parent / text_of(scope.value(one.get("path", "")))
+                folder = self.path.parent / text_of(scope.value(directory.get("path", "")))
             except ExpressionError as fault:
-                self.say(f"CatalogLocations: {short(one.get('path'))} ({fault}) is not understood")
+                self.say(f"CatalogLocations: {short(directory.get('path'))} ({fault}) is not understood")
                 continue
             try:
                 files = [folder] if folder.is_file() else sorted(folder.glob("*.xosc"))
@@ -124,16 +124,16 @@ class Document:
                         yield (catalog.get("name", ""), entry.get("name", "")), (entry, file)
 
     def _unread(self) -> list[str]:
-        found: dict[str, dict[str, int]] = {}
+        unread: dict[str, dict[str, int]] = {}
         for root, _ in self._roots:
-            self._collect(root, found)
+            self._collect(root, unread)
         sentences = []
-        for parent, names in found.items():
+        for parent, names in unread.items():
             listed = ", ".join(name if count == 1 else f"{name} ({count} times)" for name, count in names.items())
             sentences.append(f"{parent}: not read: {listed}")
         return sentences
 
-    def _collect(self, element: Element, found: dict[str, dict[str, int]]) -> None:
+    def _collect(self, element: Element, by_parent: dict[str, dict[str, int]]) -> None:
         if id(element) in self._settled:
             return
         unread = [
@@ -150,10 +150,10 @@ class Document:
             elif len(child) or child.attrib or child.tag not in EMPTY_IS_NOTHING:
                 unread.append(child.tag)
         for name in unread:
-            names = found.setdefault(element.tag, {})
+            names = by_parent.setdefault(element.tag, {})
             names[name] = names.get(name, 0) + 1
         for child in visited:
-            self._collect(child, found)
+            self._collect(child, by_parent)
 
 
 class XmlNode:
@@ -212,12 +212,12 @@ class XmlNode:
         """Return a finite number. Raises `ScenarioError`."""
         value = self.text(name, default)
         try:
-            found = float(value)
+            number = float(value)
         except ValueError:
-            found = math.nan
-        if not math.isfinite(found) or abs(found) > 1e9:
+            number = math.nan
+        if not math.isfinite(number) or abs(number) > 1e9:
             raise ScenarioError(f"{self.document.path}: {self.tag}: {name} must be a finite number, not {short(value)}")
-        return found
+        return number
 
     def optional_number(self, name: str) -> float | None:
         """Return a finite number; None where the attribute is not given. Raises `ScenarioError`."""
@@ -225,13 +225,13 @@ class XmlNode:
 
     def child(self, *tags: str) -> XmlNode | None:
         """Return the element below that a chain of names leads to."""
-        found: XmlNode = self
+        node: XmlNode = self
         for tag in tags:
-            element = found.element.find(tag)
+            element = node.element.find(tag)
             if element is None:
                 return None
-            found = XmlNode(self.document, element, found.scope, self.place)
-        return found
+            node = XmlNode(self.document, element, node.scope, self.place)
+        return node
 
     def required(self, tag: str) -> XmlNode:
         """Return the element below of a name. Raises `ScenarioError` where there is none."""
@@ -247,8 +247,8 @@ class XmlNode:
 
     def children(self, tag: str | None = None) -> list[XmlNode]:
         """Return the elements below, of a name."""
-        every = [one for one in self.element if isinstance(one.tag, str) and tag in (None, one.tag)]
-        return [XmlNode(self.document, one, self.scope, self.place) for one in every]
+        every = [child for child in self.element if isinstance(child.tag, str) and tag in (None, child.tag)]
+        return [XmlNode(self.document, child, self.scope, self.place) for child in every]
 
     def at(self, place: str) -> XmlNode:
         """Return the same element as one of another place."""
@@ -259,9 +259,9 @@ class XmlNode:
         if self._declared:
             return self
         own = {}
-        for one in self.element.findall("ParameterDeclarations/ParameterDeclaration"):
-            own[one.get("name", "")] = one.get("value", "")
-            if one.find("ConstraintGroup") is not None:
+        for parameter in self.element.findall("ParameterDeclarations/ParameterDeclaration"):
+            own[parameter.get("name", "")] = parameter.get("value", "")
+            if parameter.find("ConstraintGroup") is not None:
                 self.document.say("ParameterDeclaration: ConstraintGroup is not checked")
         for holder in self.element.findall("ParameterDeclarations"):
             self.document.settle(holder)
@@ -283,12 +283,12 @@ def innermost(element: Element) -> str:
     for own in ("Action", "Condition"):
         if element.tag.endswith(own):
             ends = (own,)
-    found = element
+    deepest = element
     while True:
-        inner = next((one for one in found if isinstance(one.tag, str) and one.tag.endswith(ends)), None)
+        inner = next((child for child in deepest if isinstance(child.tag, str) and child.tag.endswith(ends)), None)
         if inner is None:
-            return found.tag
-        found = inner
+            return deepest.tag
+        deepest = inner
 
 
 def read_child(node: XmlNode, readers: Mapping[tuple[str, ...], Callable[[XmlNode], ReadT]]) -> ReadT:

@@ -183,7 +183,7 @@ class Entity:
             x, y, z, h, p, r = self.curve.at(self.s_m, self.left_m)
             since = self._extra_from_m
             fades = 1.0 if since is None else max(0.0, 1 - abs(self.way_m - since) / FADES_M)
-            dz, dh, dp, dr = (fades * one for one in self._extra)
+            dz, dh, dp, dr = (fades * offset for offset in self._extra)
             return x, y, z + dz, h + dh + self._slip, p + dp, r + dr
         return None if self.recorded is None else place_of(self.recorded.at(time_s))
 

@@ -131,12 +131,12 @@ class _Expression:
     def value(self) -> Value:
         if not self.tokens:
             raise ExpressionError("it is empty")
-        found = self._or()
+        value = self._or()
         if self.at < len(self.tokens):
             raise ExpressionError(f"{short(self.tokens[self.at][1])} is not expected")
-        if isinstance(found, float) and not math.isfinite(found):
+        if isinstance(value, float) and not math.isfinite(value):
             raise ExpressionError("it has no finite value")
-        return found
+        return value
 
     def _next(self, *signs: str) -> str | None:
         """Take the next token if it is one of these."""
@@ -148,68 +148,68 @@ class _Expression:
         return None
 
     def _or(self) -> Value:
-        found = self._and()
+        value = self._and()
         while self._next("or", "||"):
             after = self._and()
-            found = self._truth(found) | self._truth(after)
-        return found
+            value = self._truth(value) | self._truth(after)
+        return value
 
     def _and(self) -> Value:
-        found = self._not()
+        value = self._not()
         while self._next("and", "&&"):
             after = self._not()
-            found = self._truth(found) & self._truth(after)
-        return found
+            value = self._truth(value) & self._truth(after)
+        return value
 
     def _not(self) -> Value:
         if self._next("not", "!"):
             self._deeper()
-            found: Value = not self._truth(self._not())
+            value: Value = not self._truth(self._not())
             self.depth -= 1
-            return found
+            return value
         return self._comparison()
 
     def _comparison(self) -> Value:
-        found = self._sum()
+        value = self._sum()
         while sign := self._next(*_COMPARISONS):
-            left, right = _plain(found), _plain(self._sum())
+            left, right = _plain(value), _plain(self._sum())
             if sign not in ("==", "!="):
                 left, right = self._number(left), self._number(right)
-            found = _COMPARISONS[sign](left, right)
-        return found
+            value = _COMPARISONS[sign](left, right)
+        return value
 
     def _sum(self) -> Value:
-        found = self._product()
+        value = self._product()
         while sign := self._next("+", "-"):
             after = self._number(self._product())
-            found = self._number(found) + (after if sign == "+" else -after)
-        return found
+            value = self._number(value) + (after if sign == "+" else -after)
+        return value
 
     def _product(self) -> Value:
-        found = self._signed()
+        value = self._signed()
         while sign := self._next("*", "/", "%"):
-            left, right = self._number(found), self._number(self._signed())
+            left, right = self._number(value), self._number(self._signed())
             if sign != "*" and right == 0:
                 raise ExpressionError("it divides by 0")
-            found = left * right if sign == "*" else left / right if sign == "/" else math.fmod(left, right)
-        return found
+            value = left * right if sign == "*" else left / right if sign == "/" else math.fmod(left, right)
+        return value
 
     def _signed(self) -> Value:
         sign = self._next("+", "-")
         if sign is None:
             return self._part()
         self._deeper()
-        found = self._number(self._signed())
+        value = self._number(self._signed())
         self.depth -= 1
-        return -found if sign == "-" else found
+        return -value if sign == "-" else value
 
     def _part(self) -> Value:
         if self._next("("):
             self._deeper()
-            found = self._or()
+            value = self._or()
             self.depth -= 1
             self._close()
-            return found
+            return value
         if self.at == len(self.tokens):
             raise ExpressionError("it ends too early")
         kind, text = self.tokens[self.at]

@@ -60,7 +60,7 @@ def shifted(offset: tuple[float, float, float]) -> FloatArray:
 
 def place_of(pose: FloatArray) -> Place:
     """Return x, y, z and heading, pitch, roll of a pose (4, 4), in the order of `WorldPosition`'s attributes x to r."""
-    yaw, pitch, roll = (float(one) for one in angles_from_rotation(pose[:3, :3]))
+    yaw, pitch, roll = (float(angle) for angle in angles_from_rotation(pose[:3, :3]))
     x, y, z = pose[:3, 3].tolist()
     return x, y, z, yaw, pitch, roll
 
@@ -129,8 +129,8 @@ class Curve:
         """Return the path through places (N, 6), headed along itself where it ``follows``, else as the places are; None where
         they are all one."""
         lengths = np.linalg.norm(np.diff(places[:, :2], axis=0), axis=1)
-        kept = np.concatenate([[True], lengths > 1e-6])
-        places, lengths = places[kept].copy(), lengths[lengths > 1e-6]
+        is_apart = np.concatenate([[True], lengths > 1e-6])
+        places, lengths = places[is_apart].copy(), lengths[lengths > 1e-6]
         if len(places) < 2:
             return None
         s = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -164,8 +164,8 @@ class Curve:
 
     def project(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Return the arc length of the nearest place of the path, and how far left of it a point lies."""
-        found = self._line.project(x_m, y_m)
-        return float(found.along_m), float(found.left_m)
+        projected = self._line.project(x_m, y_m)
+        return float(projected.along_m), float(projected.left_m)
 
     def reversed(self) -> Curve:
         """Return the same path the other way; the reverse of that is this one."""
@@ -209,7 +209,7 @@ def along_itself(parameter: FloatArray, places: FloatArray, reach: float) -> tup
     headings = np.unwrap(headings[source])
     times, values = [float(parameter[0])], [float(headings[0])]
     for corner in range(1, len(places) - 1):
-        now, before, after = (float(parameter[corner + one]) for one in (0, -1, 1))
+        now, before, after = (float(parameter[corner + step]) for step in (0, -1, 1))
         back, ahead = min(reach, (now - before) / 2), min(reach, (after - now) / 2)
         middle = headings[corner - 1] + (headings[corner] - headings[corner - 1]) * back / (back + ahead)
         for time, value in ((now - back, headings[corner - 1]), (now, middle), (now + ahead, headings[corner])):
@@ -235,10 +235,10 @@ def clothoid(start: Place, first: float, last: float, length_m: float) -> FloatA
     middles = (s[:-1] + s[1:]) / 2
     ahead = h + first * middles + rate * middles * middles / 2
     steps = np.diff(s)[:, None] * np.stack([np.cos(ahead), np.sin(ahead)], 1)
-    found = np.tile(np.array([x, y, z, h, p, r]), (count + 1, 1))
-    found[1:, :2] += np.cumsum(steps, 0)
-    found[:, 3] = headings
-    return found
+    places = np.tile(np.array([x, y, z, h, p, r]), (count + 1, 1))
+    places[1:, :2] += np.cumsum(steps, 0)
+    places[:, 3] = headings
+    return places
 
 
 def nurbs(order: int, points: FloatArray, weights: FloatArray, knots: FloatArray) -> FloatArray:

@@ -210,9 +210,9 @@ class Positions:
         within = node.child("InRoutePosition") or node
         along = None
         for tag in ("FromLaneCoordinates", "FromRoadCoordinates", "LaneCoord"):
-            found = within.child(tag)
-            if found is not None and found.has("pathS"):
-                along = found
+            coordinates = within.child(tag)
+            if coordinates is not None and coordinates.has("pathS"):
+                along = coordinates
         if route is None or along is None:
             raise NotUnderstoodError(node.tag)
         lane = route.declaring().child("Waypoint", "Position", "LanePosition")
@@ -235,7 +235,7 @@ class Positions:
         """Return what finds a place on a route whose first waypoint lies in a lane: on the road of that one."""
         self.waypoints(route)
         road, s, lane = first.text("roadId"), first.number("s"), int(first.number("laneId"))
-        lanes = [one.child("Position", "LanePosition") for one in route.children("Waypoint")[1:]]
+        lanes = [waypoint.child("Position", "LanePosition") for waypoint in route.children("Waypoint")[1:]]
         side = self.board.roads.traffic(road, lane_left(lane))
         if lanes and lanes[0] is not None and lanes[0].text("roadId") == road:
             side = 1 if lanes[0].number("s") >= s else -1
@@ -295,7 +295,7 @@ class Positions:
                     )
             if len(known) > 1 and not known.any():
                 known = None
-        return lambda entity, time_s: (np.array([one(time_s).place for one in places]), known)
+        return lambda entity, time_s: (np.array([locate(time_s).place for locate in places]), known)
 
     def _clothoid(self, node: XmlNode) -> Places:
         first, length = node.number("curvature"), node.number("length")
@@ -306,8 +306,8 @@ class Positions:
             times = node.number("startTime"), node.number("stopTime")
 
         def places(entity: Entity | None, time_s: float) -> tuple[FloatArray, FloatArray | None]:
-            found = clothoid(start(time_s).place, first, first + rate * length, length)
-            return found, None if times is None else np.linspace(*times, len(found))
+            line = clothoid(start(time_s).place, first, first + rate * length, length)
+            return line, None if times is None else np.linspace(*times, len(line))
 
         return places
 
@@ -316,17 +316,17 @@ class Positions:
         if not segments:
             raise ScenarioError(f"{self.document.path}: ClothoidSpline: has no segment")
         parts, starts, begins = [], [], []
-        for one in segments:
-            parts.append((one.number("curvatureStart"), one.number("curvatureEnd"), one.number("length")))
-            begins.append(one.optional_number("timeStart"))
-            position, turn = one.child("PositionStart"), one.number("hOffset", "0")
+        for segment in segments:
+            parts.append((segment.number("curvatureStart"), segment.number("curvatureEnd"), segment.number("length")))
+            begins.append(segment.optional_number("timeStart"))
+            position, turn = segment.child("PositionStart"), segment.number("hOffset", "0")
             starts.append((None if position is None else self.position(position), turn))
         ends = node.optional_number("timeEnd")
-        times = None if ends is None or None in begins else [one or 0.0 for one in begins] + [ends]
+        times = None if ends is None or None in begins else [begin or 0.0 for begin in begins] + [ends]
 
         def places(entity: Entity | None, time_s: float) -> tuple[FloatArray, FloatArray | None]:
             here = None if entity is None else entity.place(time_s)
-            found, own = [], []
+            lines, own = [], []
             for number, (part, (start, turn)) in enumerate(zip(parts, starts, strict=True)):
                 here = here if start is None else start(time_s).place
                 if here is None:
@@ -334,31 +334,35 @@ class Positions:
                 line = clothoid((*here[:3], here[3] + turn, *here[4:]), *part)
                 here = tuple(line[-1].tolist())
                 skipped = 1 if number else 0
-                found.append(line[skipped:])
+                lines.append(line[skipped:])
                 if times is not None:
                     own.append(np.linspace(times[number], times[number + 1], len(line))[skipped:])
-            return np.concatenate(found), np.concatenate(own) if own else None
+            return np.concatenate(lines), np.concatenate(own) if own else None
 
         return places
 
     def _nurbs(self, node: XmlNode) -> Places:
         order, controls = int(node.number("order")), node.children("ControlPoint")
-        weights = np.array([one.number("weight", "1") for one in controls])
-        knots = np.array([one.number("value") for one in node.children("Knot")])
+        weights = np.array([control.number("weight", "1") for control in controls])
+        knots = np.array([knot.number("value") for knot in node.children("Knot")])
         points = self._vertices(controls)
         if not 2 <= order <= len(points) or len(knots) != len(points) + order or (np.diff(knots) < 0).any():
             raise ScenarioError(f"{self.document.path}: Nurbs: order, control points and knots do not fit together")
-        times = np.array([one.number("time") for one in controls]) if all(one.has("time") for one in controls) else None
+        times = (
+            np.array([control.number("time") for control in controls])
+            if all(control.has("time") for control in controls)
+            else None
+        )
         if times is not None and (np.diff(times) <= 0).any():
             raise ScenarioError(f"{self.document.path}: ControlPoint: each time must be later than the one before")
 
         def places(entity: Entity | None, time_s: float) -> tuple[FloatArray, FloatArray | None]:
-            corners = np.array([one(time_s).place for one in points])
+            corners = np.array([locate(time_s).place for locate in points])
             if times is None:
                 return nurbs(order, corners, weights, knots), None
             # times are blended as places are, and so they grow along the curve
-            found = nurbs(order, np.concatenate([corners, times[:, None]], 1), weights, knots)
-            kept = np.concatenate([[True], np.diff(np.maximum.accumulate(found[:, 6])) > 1e-6])
-            return found[kept, :6], found[kept, 6]
+            curve = nurbs(order, np.concatenate([corners, times[:, None]], 1), weights, knots)
+            is_later = np.concatenate([[True], np.diff(np.maximum.accumulate(curve[:, 6])) > 1e-6])
+            return curve[is_later, :6], curve[is_later, 6]
 
         return places

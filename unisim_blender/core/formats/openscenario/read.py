@@ -62,7 +62,7 @@ def edits_of(
     """Return the edits that make a drive what an OpenSCENARIO file says, and what of it is not understood. Actors that the file
     does not have are removed. Raises `ScenarioError` for numbers that are none."""
     result, document = StoryboardEdits(), Document(path, root)
-    names = [one.get("name", "") for one in root.findall("Entities/ScenarioObject")]
+    names = [entity_element.get("name", "") for entity_element in root.findall("Entities/ScenarioObject")]
     uids = _mapped(names, drive, path, actors)
 
     def describe(name: str, centre: Size | None, its_height: float | None) -> tuple[Size, Size, Trajectory | None]:
@@ -118,19 +118,19 @@ def _mapped(names: list[str], drive: Drive, path: Path, actors: Mapping[str, str
             raise ScenarioError(
                 f"{path}: --map {name}={actor}: no actor {short(actor)} in the log {listed([EGO, *known])}"
             )
-    found: dict[str, str] = {}
+    uids: dict[str, str] = {}
     for name in names:
         # the first of several that may be the recording vehicle is it
-        is_ego = name in EGO_NAMES and all(one not in EGO_NAMES for one in found)
+        is_ego = name in EGO_NAMES and all(other_name not in EGO_NAMES for other_name in uids)
         own = name if name in known else EGO if is_ego else None
         uid = actors.get(name, own)
         if uid is None:
             continue
-        twin = next((other for other, its in found.items() if its == uid), None)
+        twin = next((other for other, its in uids.items() if its == uid), None)
         if twin is not None:
             raise ScenarioError(f"{path}: the entities {short(twin)} and {short(name)} are both {uid} of the log")
-        found[name] = uid
-    return found
+        uids[name] = uid
+    return uids
 
 
 def _say_of(entity: Entity, span_s: tuple[float, float], document: Document) -> None:
@@ -153,10 +153,10 @@ def _say_of(entity: Entity, span_s: tuple[float, float], document: Document) -> 
         )
 
 
-def _say_box(entity: Entity, kept_m: Sequence[float], uid: str, document: Document) -> None:
+def _say_box(entity: Entity, logged_m: Sequence[float], uid: str, document: Document) -> None:
     """Say where an entity's box is not the one of the log, which is kept."""
-    if entity.says_size and max(abs(a - b) for a, b in zip(entity.size_m, kept_m, strict=True)) > SAME_SIZE_M:
-        its, own = (" x ".join(f"{one:.3g}" for one in size) for size in (entity.size_m, kept_m))
+    if entity.says_size and max(abs(a - b) for a, b in zip(entity.size_m, logged_m, strict=True)) > SAME_SIZE_M:
+        its, own = (" x ".join(f"{extent:.3g}" for extent in size) for size in (entity.size_m, logged_m))
         document.say(f"entity {short(entity.name)}: its box of {its} m is not read: {uid} keeps its own of {own} m")
 
 
@@ -175,7 +175,7 @@ def _edit_actor(
 ) -> None:
     uid, first, last = actor.uid, *entity.span_s
     # what vanishes as the drive begins was never there
-    tracks = [one for one in tracks if one.vanishes_s is None or one.vanishes_s > first + SAME_S]
+    tracks = [part for part in tracks if part.vanishes_s is None or part.vanishes_s > first + SAME_S]
     if not tracks:
         document.say(f"entity {short(entity.name)}: it never appears")
         result.edits.append(Remove(actor=uid))
@@ -183,7 +183,7 @@ def _edit_actor(
     _say_box(entity, actor.size_m.tolist(), uid, document)
     start, end = drive.window(actor)
     for number, track in enumerate(tracks):
-        poses = [pose_at(one) @ shifted(entity.centre) for one in track.places]
+        poses = [pose_at(place) @ shifted(entity.centre) for place in track.places]
         times, present = track.times_s, None
         appears = first if track.appears_s is None else track.appears_s
         vanishes = last if track.vanishes_s is None else track.vanishes_s
@@ -200,7 +200,7 @@ def _edit_actor(
         if not number:
             result.edits.append(Move(actor=uid, present=present, **path))
             continue
-        again = next(one for one in (f"{uid}-{n}" for n in range(number + 1, 10_000)) if one not in drive.actors)
+        again = next(free for free in (f"{uid}-{n}" for n in range(number + 1, 10_000)) if free not in drive.actors)
         document.say(
             f"entity {short(entity.name)}: it appears again at {appears:.3g} s: as a duplicate of {uid}, {again}"
         )

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 from ...errors import ScenarioError
 from .conditions import Trigger
-from .document import NotUnderstoodError, XmlNode
+from .document import NotUnderstoodError, ReadT, XmlNode
 from .entities import Entity
 from .motions import Running
 
@@ -93,21 +94,22 @@ class StoryReader:
 
     def init(self, board: XmlNode) -> list[InitAction]:
         """Return what Init does."""
-        found: list[InitAction] = []
+        init_actions: list[InitAction | None] = []
         actions = board.child("Init", "Actions")
         for private in [] if actions is None else actions.children():
             if private.tag != "Private":
-                self._try(private.at("Init"), lambda node: found.append(self._of_everybody(node)))
+                init_actions.append(self._try(private.at("Init"), self._of_everybody))
                 continue
             name = private.text("entityRef")
             entity = self.board.entity(name)
             self.board.actions.positions.owner = name
-            for action in private.at(f"Init: {name}").children():
-                understood = self._try(action, lambda node, entity=entity: found.append(self._of_entity(node, entity)))  # type: ignore[misc]
-                if not understood and (action.child("TeleportAction") or action.child("RoutingAction")):
+            for node in private.at(f"Init: {name}").children():
+                init_actions.append(self._try(node, partial(self._of_entity, entity=entity)))
+                places = node.child("TeleportAction") or node.child("RoutingAction")
+                if init_actions[-1] is None and places is not None:
                     self.homeless.append(entity)
             self.board.actions.positions.owner = None
-        return found
+        return [action for action in init_actions if action is not None]
 
     def _of_everybody(self, node: XmlNode) -> InitAction:
         return InitAction(node.place, None, self.board.actions.everybody(node), False)
@@ -116,15 +118,14 @@ class StoryReader:
         start, puts = self.board.actions.private(node), node.child("TeleportAction") is not None
         return InitAction(node.place, entity, lambda time_s: start(entity, time_s), puts)
 
-    def _try(self, node: XmlNode, read: Callable[[XmlNode], object]) -> bool:
-        """Read an element, or say that it is not understood; whether it was."""
+    def _try(self, node: XmlNode, read: Callable[[XmlNode], ReadT]) -> ReadT | None:
+        """Return what a reader gives of an element; None where it is not understood, which is said."""
         try:
-            read(node)
+            return read(node)
         except NotUnderstoodError as fault:
             self.document.say(f"{fault} is not understood", node.place)
             node.settled()
-            return False
-        return True
+            return None
 
     def story(self, story: XmlNode) -> Element:
         """Return a story, which runs from the start."""
@@ -152,10 +153,8 @@ class StoryReader:
             entities = self.board.entities_of(holder)
         maneuvers = [maneuver.declaring() for maneuver in node.children("Maneuver")]
         for reference in node.children("CatalogReference"):
-            self._try(
-                reference.at(f"{place}/{_name(node)}"),
-                lambda reference: maneuvers.append(self.document.catalog_entry(reference)),
-            )
+            entry = self._try(reference.at(f"{place}/{_name(node)}"), self.document.catalog_entry)
+            maneuvers += [] if entry is None else [entry]
         for of_group in maneuvers:
             maneuver = Element("maneuver", _name(of_group), group)
             for event in of_group.children("Event"):
@@ -170,7 +169,7 @@ class StoryReader:
         for of_event in node.children("Action"):
             action = Element("action", _name(of_event), event)
             for kind in of_event.at(f"{here}/{_name(of_event)}").children():
-                self._try(kind, lambda kind, action=action: self._action(kind, event, action, entities))  # type: ignore[misc]
+                self._try(kind, partial(self._action, event=event, action=action, entities=entities))
         return event
 
     def _action(self, node: XmlNode, event: Event, action: Element, entities: list[Entity]) -> None:

@@ -50,9 +50,9 @@ class Storyboard:
             except NotUnderstoodError as fault:
                 document.say(f"{fault} is not understood")
         self.variables = {
-            one.text("name"): one.text("value")
+            variable.text("name"): variable.text("value")
             for holder in root.children("VariableDeclarations")
-            for one in holder.children("VariableDeclaration")
+            for variable in holder.children("VariableDeclaration")
         }
         self.actions = Actions(document, self)
         self.conditions = Conditions(document, self, self.actions.positions)
@@ -60,7 +60,7 @@ class Storyboard:
         self.roads = Roads(document, root.child("RoadNetwork"))
         board = root.child("Storyboard")
         if board is None:
-            other = next((one for one in ("ParameterValueDistribution", "Catalog") if root.child(one)), None)
+            other = next((tag for tag in ("ParameterValueDistribution", "Catalog") if root.child(tag)), None)
             instead = "" if other is None else f": it is a {other}, which goes with a scenario"
             raise ScenarioError(f"{document.path}: has no Storyboard{instead}")
         reader = StoryReader(self)
@@ -75,9 +75,13 @@ class Storyboard:
         self._stop = self.conditions.trigger(board.child("StopTrigger"), "Storyboard: StopTrigger", False)
         self.stops_s: float | None = None
         every = board.element.iter("EntityAction")
-        added = {one.get("entityRef", "") for one in every if one.find("AddEntityAction") is not None}
+        added = {action.get("entityRef", "") for action in every if action.find("AddEntityAction") is not None}
         starts = board.element.findall("Init/Actions/Private")
-        placed = {one.get("entityRef", "") for one in starts if one.find("PrivateAction/TeleportAction") is not None}
+        placed = {
+            private.get("entityRef", "")
+            for private in starts
+            if private.find("PrivateAction/TeleportAction") is not None
+        }
         for name, entity in self.entities.items():
             given = {name, *(f"${key}" for key, value in self.parameters.items() if value == name)}
             if given & added and not given & placed and name != ego:
@@ -87,14 +91,14 @@ class Storyboard:
 
     def _read_entities(self, root: XmlNode, describe: Described) -> None:
         holder = root.child("Entities")
-        for one in [] if holder is None else holder.children("ScenarioObject"):
-            name = one.text("name")
+        for node in [] if holder is None else holder.children("ScenarioObject"):
+            name = node.text("name")
             if name in self.entities:
                 raise ScenarioError(f"{self.document.path}: Entities: two are named {short(name)}")
             if len(self.entities) == MOST_ENTITIES:
                 raise ScenarioError(f"{self.document.path}: Entities: more than {MOST_ENTITIES}")
-            kind = next((found for tag in ("Vehicle", "Pedestrian", "MiscObject") if (found := one.child(tag))), None)
-            reference = one.child("CatalogReference")
+            kind = next((child for tag in ("Vehicle", "Pedestrian", "MiscObject") if (child := node.child(tag))), None)
+            reference = node.child("CatalogReference")
             if reference is not None:
                 try:
                     kind = self.document.catalog_entry(reference)
@@ -114,9 +118,9 @@ class Storyboard:
             if size is not None:
                 measures = size.number("length"), size.number("width"), size.number("height")
             self.entities[name] = Entity(name, centre, measures, recorded, self.span_s, size is not None)
-        for one in [] if holder is None else holder.children("EntitySelection"):
-            self.document.say(f"entities: the selection {short(one.element.get('name', ''))} is not understood")
-            one.settled()
+        for node in [] if holder is None else holder.children("EntitySelection"):
+            self.document.say(f"entities: the selection {short(node.element.get('name', ''))} is not understood")
+            node.settled()
 
     def entity(self, name: str) -> Entity:
         """Return an entity by its name. Raises `ScenarioError`."""
@@ -132,20 +136,20 @@ class Storyboard:
         """Return where an entity is. Raises `NotUnderstoodError` where nobody knows."""
         if entity.name in self._awaited:
             raise NotPlacedYetError
-        found = entity.place(time_s)
-        if found is None:
+        place = entity.place(time_s)
+        if place is None:
             raise NotUnderstoodError(f"{tag} (the place of {short(entity.name)} is not known)")
-        return found
+        return place
 
     def path(self, entity: Entity, time_s: float, tag: str) -> tuple[Curve, float, float, float, int]:
         """Return an entity's path, its arc length, how far left of the path it and its lane's middle are, and 1 where the path
         runs along its road, else -1. Raises `NotUnderstoodError` where nobody knows."""
         if entity.name in self._awaited:
             raise NotPlacedYetError
-        found = entity.on_path(time_s)
-        if found is None:
+        path = entity.on_path(time_s)
+        if path is None:
             raise NotUnderstoodError(f"{tag} (the place of {short(entity.name)} is not known)")
-        curve, s, left = found
+        curve, s, left = path
         on_own = entity.curve is curve and entity.timed is None
         return curve, s, left, entity.lane_left_m if on_own else left, entity.road_sign if on_own else 1
 
@@ -170,7 +174,7 @@ class Storyboard:
 
     def is_in_state(self, kind: str, name: str, state: str) -> bool:
         """Whether a part of the storyboard is in a state, or came to it at this time or the last."""
-        wanted = [one for one in name.split("::") if one]
+        wanted = [part_name for part_name in name.split("::") if part_name]
         for element in (part for story in self._stories for part in story.parts()):
             if element.kind != kind or element.path()[-len(wanted) :] != wanted:
                 continue
@@ -191,8 +195,10 @@ class Storyboard:
         self._start(first)
         self._settle(first)
         moves = any(
-            one.curve is not None and one.timed is None and (one.speed_m_s != 0 or one.longitudinal or one.lateral)
-            for one in self.entities.values()
+            entity.curve is not None
+            and entity.timed is None
+            and (entity.speed_m_s != 0 or entity.longitudinal or entity.lateral)
+            for entity in self.entities.values()
         )
         if self.needs_steps or moves:
             count = max(int(math.ceil((last - first) / STEP_S)), 1)
@@ -201,7 +207,7 @@ class Storyboard:
         number = 1
         while number < len(self._ticks):
             before, self.now_s = self._ticks[number - 1], self._ticks[number]
-            active = [one for one in self.entities.values() if one.is_there]
+            active = [entity for entity in self.entities.values() if entity.is_there]
             for entity in active:
                 entity.plan(self.now_s)
             for entity in active:
@@ -291,27 +297,29 @@ class Storyboard:
 
     def _begin(self, event: Event, act: Act, time_s: float) -> None:
         others = [
-            one for one in act.events if one is not event and one.parent is event.parent and one.state == "running"
+            other
+            for other in act.events
+            if other is not event and other.parent is event.parent and other.state == "running"
         ]
         if event.priority == "skip" and others:
             event.count += 1
             event.state = "complete" if event.count >= event.most else "standby"
             return
         if event.priority in ("override", "overwrite"):
-            for one in others:
-                self._stop_event(one, time_s)
+            for other in others:
+                self._stop_event(other, time_s)
         event.count, event.running = event.count + 1, []
         for element in (event, *event.children):
             element.begin(self._tick)
         for action, place, start in event.starts:
             try:
-                event.running += [(action, one) for one in start(time_s)]
+                event.running += [(action, running) for running in start(time_s)]
             except NotUnderstoodError as fault:
                 self.document.say(f"{fault} is not understood", place)
         self._go_on(event, time_s)
 
     def _go_on(self, event: Event, time_s: float) -> bool:
-        event.running = [(action, one) for action, one in event.running if not one.done(time_s)]
+        event.running = [(action, running) for action, running in event.running if not running.done(time_s)]
         going = {id(action) for action, _ in event.running}
         changed = False
         for action in event.children:
@@ -324,8 +332,8 @@ class Storyboard:
         return changed
 
     def _stop_event(self, event: Event, time_s: float) -> None:
-        for _, one in event.running:
-            one.stop(time_s)
+        for _, running in event.running:
+            running.stop(time_s)
         if event.state != "complete":
             for part in (event, *event.children):
                 if part.state == "running":
@@ -343,10 +351,10 @@ class Storyboard:
     def _complete_what_is_done(self, element: Element) -> bool:
         """Complete what all parts of are complete."""
         changed = False
-        for one in element.children:
-            if one.kind in ("maneuverGroup", "maneuver"):
-                changed |= self._complete_what_is_done(one)
-        if element.state == "running" and all(one.state == "complete" for one in element.children):
+        for child in element.children:
+            if child.kind in ("maneuverGroup", "maneuver"):
+                changed |= self._complete_what_is_done(child)
+        if element.state == "running" and all(child.state == "complete" for child in element.children):
             element.end(self._tick)
             story = element.parent if element.kind == "act" else None
             if story is not None and all(act.state == "complete" for act in story.children):

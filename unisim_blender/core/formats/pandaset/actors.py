@@ -66,7 +66,9 @@ def read_actors(
         count += len(frames[-1].yaws)
     if not count:
         return {}
-    every = _Cuboids(*(np.concatenate([getattr(one, part.name) for one in frames]) for part in fields(_Cuboids)))
+    every = _Cuboids(
+        *(np.concatenate([getattr(cuboids, part.name) for cuboids in frames]) for part in fields(_Cuboids))
+    )
     actors = {}
     with np.errstate(over="ignore", invalid="ignore"):
         times = every.frame_times_s if lidar is None else passing_times(lidar, every.positions, every.frame_times_s)

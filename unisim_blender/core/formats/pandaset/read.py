@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...data.image_files import Notes, files_by_stem, image_header, image_suffixes, what_else
-from ...data.log import Sweep, SweepGrid
-from ...data.sweep_cells import find_cells, make_grid
+from ...data.log import Sweep
+from ...data.sweep_cells import find_cells
 from ...data.values import Intensities, spread, time_unit
 from ...errors import LogError, in_a_line
 from ...geometry import FloatArray, Trajectory, TrajectoryError, make_pose, transform_points
@@ -61,8 +61,8 @@ def read_poses(path: Path, count: int) -> tuple[FloatArray, FloatArray]:
     """Positions (count, 3) and unit quaternions wxyz (count, 4), one for each timestamp."""
     poses = read_json(path)
     if not isinstance(poses, list) or len(poses) != count:
-        found = f"{len(poses)} poses" if isinstance(poses, list) else "no list of poses"
-        raise LogError(f"{path}: holds {found} for {count} timestamps")
+        content = f"{len(poses)} poses" if isinstance(poses, list) else "no list of poses"
+        raise LogError(f"{path}: holds {content} for {count} timestamps")
     positions, quaternions = np.zeros((count, 3)), np.zeros((count, 4))
     for frame, pose in enumerate(poses):
         try:
@@ -197,9 +197,7 @@ class PandasetLog(FileLog):
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
         """The recorded returns, less those of the vehicle's own body."""
-        path = self._sweeps.get(frame)
-        if path is None or lidar not in self.drive.lidars:
-            raise LogError(f"{self.path}: {lidar} has no sweep of frame {frame}")
+        path = self._sweep_place(lidar, frame)
         table = read_table(path, SWEEP_COLUMNS)
         semantic = self._semantic(frame, len(table["x"]))
         keep = np.asarray(table["d"] == self._setup.lidars[lidar].device, bool)
@@ -232,13 +230,6 @@ class PandasetLog(FileLog):
         """Intensities of some sweeps."""
         tables = (read_table(self._sweeps[frame], SWEEP_COLUMNS) for frame in spread(self._sweeps))
         return [table["i"].astype(np.float64) for table in tables]
-
-    def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
-        """The recorded sweep as beams x columns, with drops."""
-        sweep = self.sweep(lidar, frame)
-        if self.drive.lidars[lidar].model.beams == 0:
-            raise LogError(f"{self.path}: {lidar} does not scan beams x columns, ask for its plain sweep")
-        return make_grid(sweep, self.drive.lidars[lidar], frame, self._find_never_returned(lidar))
 
     def _located(
         self,

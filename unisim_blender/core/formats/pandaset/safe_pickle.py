@@ -473,8 +473,8 @@ class _Machine:
     def arrow_array(self, state: Any) -> _Array:
         """Strings from the state of a pyarrow.Array: type, length, nulls, offset, buffers, children, dictionary."""
         kind, length, _, first, buffers, *_ = state
-        kept = [type(buffer) in (bytes, bytearray, NoneType) for buffer in buffers]
-        if not isinstance(kind, _Arrow) or len(kept) != 3 or not all(kept) or None in buffers[1:]:
+        are_plain = [type(buffer) in (bytes, bytearray, NoneType) for buffer in buffers]
+        if not isinstance(kind, _Arrow) or len(are_plain) != 3 or not all(are_plain) or None in buffers[1:]:
             raise _RefusedError("has an array of Arrow's that holds no strings")
         self._spend(64 * len(buffers[1]) // OFFSETS[kind.kind].itemsize + len(buffers[2]))
         return _Array(strings(kind.kind, int(length), int(first), tuple(buffers)))

@@ -16,7 +16,6 @@ Equal tables give equal bytes.
 from __future__ import annotations
 
 import gzip
-import io
 import json
 import pickle
 from collections.abc import Mapping
@@ -34,7 +33,7 @@ from ...geometry import FloatArray, Trajectory, invert_pose, make_pose, quaterni
 from ...sensors.frames import LidarFrame
 from ...world.drive import Drive, Lidar
 from ..common.class_names import renamed, renamed_sentence
-from ..common.image_bytes import image_file, path_kind
+from ..common.image_bytes import encoded_for, image_file, path_kind
 from ..common.sensor_file import LidarSetup, LogSetup, write_setup
 from ..common.writer import Tick, WritePlan, WriterPart
 from .safe_pickle import PickledTable
@@ -119,31 +118,20 @@ class PandasetWriter:
     """Writes ``drive`` to the folder ``path``.
 
     ``start_s`` is added to every time: PandaSet's are Unix seconds, and from 0 on they keep all their digits.
-    ``jpeg_quality`` is Pillow's, 1 to 100.
     """
 
-    def __init__(self, path: Path, drive: Drive, start_s: float = 0.0, jpeg_quality: int = 95) -> None:
+    def __init__(self, path: Path, drive: Drive, start_s: float = 0.0) -> None:
         self.path = Path(path)
         self.drive = drive
         self._start_s = start_s
-        self._quality = jpeg_quality
         self._count = max(drive.frames) + 1
         self._mounts = {name: self._mount(name) for name in drive.lidars}
         free = (n for n in range(len(DEVICES) + len(drive.lidars)) if n not in DEVICES.values())
         self._devices = {name: DEVICES[name] if name in DEVICES else next(free) for name in drive.lidars}
 
     def write_image(self, camera: str, frame: int, rgb: NDArray[np.uint8]) -> None:
-        """An image (H, W, 3), sRGB, of the size of the camera's model. Needs Pillow."""
-        from PIL import Image
-
-        model = self.drive.cameras[camera].model
-        if rgb.shape != (model.height, model.width, 3) or rgb.dtype != np.uint8:
-            raise OutputError(
-                f"{camera}: an image of {rgb.shape} {rgb.dtype} is none of {model.width}x{model.height} pixels"
-            )
-        buffer = io.BytesIO()
-        Image.fromarray(rgb).save(buffer, "JPEG", quality=self._quality, subsampling=0)
-        write_file(self.image_path(camera, frame), buffer.getvalue())
+        """An image (H, W, 3), sRGB, of the size of the camera's model."""
+        self.write_encoded_image(camera, frame, encoded_for(self.drive.cameras[camera], rgb))
 
     def write_encoded_image(self, camera: str, frame: int, jpeg: bytes) -> None:
         """The bytes of a JPEG file of the camera's size, kept as they are."""
@@ -377,8 +365,8 @@ def _losses(log: Log, drive: Drive, renamed_labels: str) -> list[str]:
         between = sum(frame not in frames for frame in there)
         if between:
             losses.append(f"{name}: {between} of {len(there)} images lie between frames and are left out")
-        kept = [frame for frame in there if frame in frames]
-        if kept and path_kind(log.image_path(name, kept[0])) != "jpeg":
+        written = [frame for frame in there if frame in frames]
+        if written and path_kind(log.image_path(name, written[0])) != "jpeg":
             losses.append(f"{name}: its images are packed again, as JPEG")
     for name in drive.lidars:
         between = sum(frame not in frames for frame in log.sweep_frames(name))

@@ -76,11 +76,11 @@ def read_calibrations(segment: Segment) -> dict[int, WaymoCalibration]:
         part + "extrinsic.transform": "pose",
     }
     table = segment.read(CALIBRATION, columns)
-    found: dict[int, WaymoCalibration] = {}
+    calibrations: dict[int, WaymoCalibration] = {}
     for row, number in enumerate(table[CAMERA].tolist()):
-        if number in found or number not in NAMES:
+        if number in calibrations or number not in NAMES:
             raise LogError(
-                f"{path}: camera {number} {'stands there twice' if number in found else 'is none of 1 to 5'}"
+                f"{path}: camera {number} {'stands there twice' if number in calibrations else 'is none of 1 to 5'}"
             )
         width, height = int(table[part + "width"][row]), int(table[part + "height"][row])
         fx, fy, cx, cy = (float(table[f"{part}intrinsic.{name}"][row]) for name in pixels)
@@ -92,8 +92,8 @@ def read_calibrations(segment: Segment) -> dict[int, WaymoCalibration]:
             raise LogError(f"{path}: camera {number}: {error}") from error
         model = CameraModel(width, height, fx, fy, cx, cy, lens=PINHOLE if lens == OpenCVPinhole() else lens)
         mount = table[part + "extrinsic.transform"][row] @ VEHICLE_FROM_OPENCV
-        found[number] = WaymoCalibration(model, mount, int(table[part + "rolling_shutter_direction"][row]))
-    return found
+        calibrations[number] = WaymoCalibration(model, mount, int(table[part + "rolling_shutter_direction"][row]))
+    return calibrations
 
 
 def read_images(segment: Segment) -> ImageRows:
@@ -257,9 +257,8 @@ class WaymoLog(FileLog):
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
         """The recorded returns and drops, less those of the vehicle's own body."""
-        if lidar not in self.drive.lidars or frame not in self._sweeps:
-            raise LogError(f"{self.path}: {lidar} has no sweep of frame {frame}")
-        ours, (row, pose_row) = self.drive.lidars[lidar], self._sweeps[frame]
+        row, pose_row = self._sweep_place(lidar, frame)
+        ours = self.drive.lidars[lidar]
         time_s, turn_s = self.drive.time_s[frame], self._turn_s[frame]
         return range_images.read_sweep(self._segment, row, pose_row, ours, self._mount, time_s, turn_s, self._origin)
 
@@ -296,12 +295,12 @@ class WaymoLog(FileLog):
                 )
         else:
             seconds, poses = times_s + POSE_DELAY_S, frame_poses
-        kept = [0]
+        rows = [0]
         for row in range(1, len(seconds)):
-            if seconds[row] - seconds[kept[-1]] >= LEAST_STEP_S:
-                kept.append(row)
+            if seconds[row] - seconds[rows[-1]] >= LEAST_STEP_S:
+                rows.append(row)
         try:
-            track = Trajectory.from_poses(seconds[kept], poses[kept])
+            track = Trajectory.from_poses(seconds[rows], poses[rows])
             origin = track.positions_at(0.0)
             return Trajectory(track.times_s, track.positions - origin, track.quaternions_wxyz), origin
         except TrajectoryError as error:

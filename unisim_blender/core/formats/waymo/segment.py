@@ -73,13 +73,13 @@ class Segment:
 
 def rows_of(path: Path, stamp_us: NDArray[np.int64], sensor: NDArray[np.int64], number: int) -> dict[int, int]:
     """Return the row of each timestamp where ``sensor`` (N,) is a number. Raises `LogError` for two in a frame."""
-    found: dict[int, int] = {}
+    rows: dict[int, int] = {}
     for row in np.flatnonzero(sensor == number).tolist():
         stamp = int(stamp_us[row])
-        if stamp in found:
+        if stamp in rows:
             raise LogError(f"{path}: sensor {number} stands twice in the frame {stamp}")
-        found[stamp] = row
-    return found
+        rows[stamp] = row
+    return rows
 
 
 def check_places(path: Path, poses: FloatArray) -> None:

@@ -89,18 +89,18 @@ def cut_turns(lidar: Lidar, frames: Sequence[int]) -> list[Cut]:
 def points_of(cut: Cut, cuts: Sequence[Cut], lidar: Lidar, read: Callable[[int], Sweep]) -> NDArray[np.float32]:
     """Return a turn's file, float32 (N, 4): x, y, z in the sensor's frame at each point's own time, intensity 0..1; ring by ring,
     the upper first, counter-clockwise from ahead. ``read`` gives a frame's sweep; of several returns the strongest is taken."""
-    turns = [one.turn for one in cuts if abs(one.turn[1] - cut.turn[1]) < 3 * lidar.model.sweep_s]
+    turns = [other.turn for other in cuts if abs(other.turn[1] - cut.turn[1]) < 3 * lidar.model.sweep_s]
     margin = SEAM * lidar.model.sweep_s
     parts, rings = [], []
     for frame in cut.frames:
         sweep = read(frame)
-        kept = (sweep.time_s > cut.turn[0] - margin) & (sweep.time_s < cut.turn[2] + margin)
+        in_turn = (sweep.time_s > cut.turn[0] - margin) & (sweep.time_s < cut.turn[2] + margin)
         if sweep.rank is not None:
-            kept &= sweep.rank == 0
-        local, turn = _placed(sweep.points[kept], sweep.time_s[kept], lidar, turns)
+            in_turn &= sweep.rank == 0
+        local, turn = _placed(sweep.points[in_turn], sweep.time_s[in_turn], lidar, turns)
         mine = turn == turns.index(cut.turn)
-        parts.append(np.column_stack([local[mine], sweep.intensity[kept][mine]]))
-        rings.append(nearest_rings(sweep.ring[kept][mine], local[mine], lidar))
+        parts.append(np.column_stack([local[mine], sweep.intensity[in_turn][mine]]))
+        rings.append(nearest_rings(sweep.ring[in_turn][mine], local[mine], lidar))
     if not parts:
         return np.zeros((0, 4), np.float32)
     points, ring = np.concatenate(parts), np.concatenate(rings)
@@ -118,15 +118,15 @@ def _placed(
 ) -> tuple[FloatArray, NDArray[np.int64]]:
     """Points (N, 3) in the sensor's frame at the times that the layout gives them, each in the turn in which that is nearest to
     when it was measured: (N,), -1 where none is within half a turn."""
-    told, turn, rows = times, np.zeros(len(points), np.int64), np.arange(len(points))
+    stated, turn, rows = times, np.zeros(len(points), np.int64), np.arange(len(points))
     for last in range(ROUNDS, -1, -1):
-        poses = lidar.world_from_lidar.at(told)
+        poses = lidar.world_from_lidar.at(stated)
         local = np.einsum("nji,nj->ni", poses[:, :3, :3], points - poses[:, :3, 3])
         if last:
-            ways = np.stack([point_times(local, one, lidar.model.direction) for one in turns], 1)
+            ways = np.stack([point_times(local, candidate, lidar.model.direction) for candidate in turns], 1)
             turn = np.abs(ways - times[:, None]).argmin(1)
-            told = ways[rows, turn]
-    near = np.abs(told - times) < lidar.model.sweep_s / 2
+            stated = ways[rows, turn]
+    near = np.abs(stated - times) < lidar.model.sweep_s / 2
     return local, np.where(near, turn, -1)
 
 
@@ -200,7 +200,7 @@ class KittiRecording:
 
     def camera_shifts_m(self, numbers: Sequence[str]) -> dict[str, FloatArray]:
         """Return cameras' places (3,) in the first one's frame by number; of numbers that no camera has, zeros."""
-        places = {one.number: (invert_pose(self.first_mount) @ one.mount)[:3, 3] for one in self.cameras}
+        places = {camera.number: (invert_pose(self.first_mount) @ camera.mount)[:3, 3] for camera in self.cameras}
         return {number: places.get(number, np.zeros(3)) for number in numbers}
 
 
@@ -310,11 +310,11 @@ def _of_turns(recording: KittiRecording, times_s: dict[int, float]) -> dict[int,
         for frame, time in times_s.items()
         if abs(time - cut.turn[1]) <= (cut.turn[2] - cut.turn[0]) / 2
     ]
-    found: dict[int, int] = {}
+    images: dict[int, int] = {}
     for _, turn, frame in sorted(pairs):
-        if turn not in found and frame not in found.values():
-            found[turn] = frame
-    return found
+        if turn not in images and frame not in images.values():
+            images[turn] = frame
+    return images
 
 
 def _turn_part(recording: KittiRecording, turn: int, root: Path, file: str, read: Callable[[int], Sweep]) -> WriterPart:

@@ -1,4 +1,5 @@
-"""Operators that work in steps, with the window drawn in between, so that the window never waits for a whole drive."""
+"""Bases of operators: those that need something, that report errors, and that work in steps, with the window drawn in
+between, so that the window never waits for a whole drive."""
 
 from __future__ import annotations
 
@@ -6,11 +7,13 @@ import functools
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import bpy
 
+from ..bridge.window import Need, allowed, idle
 from ..core.errors import UnisimError
+from ..process.background import running
 
 BUSY_S = 0.05
 """Time for which an operator works before the window is drawn, in seconds."""
@@ -31,6 +34,23 @@ def reporting(execute: Callable[[Any, bpy.types.Context], set[str]]) -> Callable
             return {"CANCELLED"}
 
     return reported
+
+
+class Needing:
+    """Base of operators that need something: where one of ``needs`` is not met, the button is grey and its tooltip says
+    why."""
+
+    needs: ClassVar[tuple[Callable[[bpy.types.Context], Need], ...]]
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Return whether all needs are met."""
+        return allowed(cls, *(need(context) for need in cls.needs))
+
+
+def nothing_runs(context: bpy.types.Context) -> Need:
+    """Nothing runs in the background."""
+    return idle(running)
 
 
 class InSteps:

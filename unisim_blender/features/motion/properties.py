@@ -8,9 +8,8 @@ from bpy.props import BoolProperty, FloatProperty, PointerProperty
 from ...bridge.objects.imported import source_of
 from ...bridge.views.trails import compared_now
 from ...core.errors import UnisimError
-from ...editing.motion.kinematics import Compared, Limits
+from ...editing.motion.kinematics import Limits, MotionComparison
 from ...editing.sampled.clock import Clock
-from ...registering import add, take_away
 
 DEFAULT = Limits()
 
@@ -68,7 +67,7 @@ def limits_of(scene: bpy.types.Scene) -> Limits:
     )
 
 
-def graph_of(context: bpy.types.Context) -> Compared | None:
+def graph_of(context: bpy.types.Context) -> MotionComparison | None:
     """Return the motion of the active actor or ego vehicle beside the recorded one; None where
     something else is active."""
     obj = context.active_object
@@ -83,15 +82,4 @@ def graph_of(context: bpy.types.Context) -> Compared | None:
 
 NAMES = ("acceleration_m_s2", "lateral_m_s2", "curvature_1_m")
 CLASSES = (UniSimMotion,)
-
-
-def register() -> None:
-    """Add the properties to Blender's scenes."""
-    add(CLASSES)
-    bpy.types.Scene.unisim_motion = PointerProperty(type=UniSimMotion)
-
-
-def unregister() -> None:
-    """Take them away again; files keep what they hold."""
-    del bpy.types.Scene.unisim_motion
-    take_away(CLASSES)
+PROPERTIES = ((bpy.types.Scene, "unisim_motion", PointerProperty(type=UniSimMotion)),)
