@@ -16,6 +16,9 @@ from ..objects.animation import add_to_keys, curves_of, keys_of, write_keys
 from ..objects.meshes import size_of
 from ..objects.trajectories import keyed_pose, own_trajectory, ride, settle_on, trajectory_of
 
+MIN_SHIFT = 1e-6
+"""Smaller shifts, in metres or seconds, are none."""
+
 
 def displaced_along(obj: bpy.types.Object, offset_m: Sequence[float]) -> None:
     """Move an object along its own axes by ``offset_m`` (3,), alike at every frame."""
@@ -112,10 +115,6 @@ def stopped(obj: bpy.types.Object, frame: float, seconds: float, clock: Clock) -
     write_keys(above, *standing_still(TrajectoryKeys(*keys), frame, float(later(np.array(frame))), later(keys[0])))
 
 
-SAME = 1e-6
-"""Smaller shifts, in metres or seconds, are none."""
-
-
 def shift(obj: bpy.types.Object, left_m: float, ahead_m: float, later_s: float, clock: Clock) -> str:
     """Shift an actor, alike at every time, and return what was done as a sentence.
 
@@ -124,19 +123,19 @@ def shift(obj: bpy.types.Object, left_m: float, ahead_m: float, later_s: float, 
     log and takes its presence along.
     """
     done: list[str] = []
-    if abs(left_m) > SAME:
+    if abs(left_m) > MIN_SHIFT:
         displaced_along(obj, (0.0, left_m, 0.0))
         done.append(
             Text("{length:.2f} m to the left" if left_m > 0 else "{length:.2f} m to the right", length=abs(left_m))
         )
-    if abs(ahead_m) > SAME:
+    if abs(ahead_m) > MIN_SHIFT:
         shift = Text("{length:.2f} m forward" if ahead_m > 0 else "{length:.2f} m backward", length=abs(ahead_m))
         if _along_path(obj, ahead_m, clock):
             done.append(Text("{shift} along its path", shift=shift))
         else:
             displaced_along(obj, (ahead_m, 0.0, 0.0))
             done.append(Text("{shift} along its own axis, as it stands still", shift=shift))
-    if abs(later_s) > SAME:
+    if abs(later_s) > MIN_SHIFT:
         if trajectory_of(obj) is None and not len(curves_of(obj)):
             done.append(Text("at the same times, as it stands there throughout"))
         else:
