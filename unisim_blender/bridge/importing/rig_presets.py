@@ -29,7 +29,7 @@ FOLDER = "unisim/rigs"
 
 
 def users_folder() -> Path:
-    """Where one's own presets are saved; made where it is missing."""
+    """Return the folder of a user's own presets, made where it is missing."""
     return Path(bpy.utils.user_resource("SCRIPTS", path=f"presets/{FOLDER}", create=True))
 
 

@@ -22,9 +22,10 @@ COLLECTIONS = {
     "POINTS": "LiDAR points",
     "TRAJECTORY": "Trajectories", "BODY": "Ego",
 }  # fmt: skip
-ROOT = "UniSim"
+ROOT_COLLECTION = "UniSim"
 KINDS_OF_DRIVE = ("EGO", "CAMERA", "LIDAR", "ACTOR", "STATIC", "BODY")
 """Kinds of objects that a scenario is read from."""
+STATIC_LABEL = "Static item"
 
 
 def imported_objects(scene: bpy.types.Scene, *kinds: str) -> Iterator[bpy.types.Object]:
@@ -72,7 +73,7 @@ def has_drive(scene: bpy.types.Scene) -> bool:
 
 def collection_of(scene: bpy.types.Scene, kind: str) -> bpy.types.Collection:
     """The collection for a kind of object, made where it is not there yet. Each scene has its own."""
-    root = _child(scene.collection, ROOT)
+    root = _child(scene.collection, ROOT_COLLECTION)
     return _child(root, COLLECTIONS[kind])
 
 
@@ -205,9 +206,6 @@ def _copy_parts(context: bpy.types.Context, source: bpy.types.Object, copy: bpy.
         part.parent = copy
         part.matrix_parent_inverse = child.matrix_parent_inverse  # setting the parent forgets it
         _copy_parts(context, child, part)
-
-
-STATIC_LABEL = "Static item"
 
 
 def mark_static(scene: bpy.types.Scene, pose: FloatArray, size_m: FloatArray, uid: str = "") -> bpy.types.Object:
