@@ -128,8 +128,8 @@ def copy_of(layout: str) -> Callable[[Path, int], Written]:
     def write(root: Path, size: int) -> Written:
         def first(folder: Path) -> None:
             made = WRITERS[layout](folder, size)
-            paths = {"log": made.log.relative_to(folder), "dropped": made.dropped.relative_to(folder)}
-            (folder / "written.pickle").write_bytes(pickle.dumps(replace(made, **paths)))
+            inside = replace(made, log=made.log.relative_to(folder), dropped=made.dropped.relative_to(folder))
+            (folder / "written.pickle").write_bytes(pickle.dumps(inside))
 
         about = written_once(root, f"layout-{layout}-{size}", first) / "written.pickle"
         made: Written = pickle.loads(about.read_bytes())
