@@ -26,7 +26,7 @@ from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.prepare.selection import select_frames
 from unisim_blender.core.render.bounded import BoundedRenderer, at_quality, colour_errors
 from unisim_blender.core.render.captures import CaptureStates, render_image, render_sweep, states_of
-from unisim_blender.core.render.quality import LADDER, TRUTH
+from unisim_blender.core.render.quality import ERROR_BOUND_QUALITIES, TRUTH_QUALITY
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenes.recipe import load_backend
 from unisim_blender.core.scenes.scene import open_scene
@@ -85,10 +85,10 @@ class Sensor:
 
     def row(self, frame: int) -> Row:
         """All there is to say of one frame."""
-        with at_quality(self.renderer, TRUTH):
+        with at_quality(self.renderer, TRUTH_QUALITY):
             truth, _ = self.render(frame)
         fixed, promises = {}, []
-        for name, quality in LADDER.items():
+        for name, quality in ERROR_BOUND_QUALITIES.items():
             with at_quality(self.renderer, quality):
                 found, seconds = self.render(frame)
             errors = errors_of(found, truth)
@@ -122,13 +122,17 @@ def summed_up(rows: list[Row]) -> None:
             of = [p for row in group for p in row["promises"] if p["bound"] == bound]
             said = [p for p in of if p["most"] <= p["limit"]]
             true = [p for p in said if p["true"] <= p["limit"]]
-            able = [n for n in LADDER if all(row["fixed"][n]["errors"][bound] <= of[0]["limit"] for row in group)]
+            able = [
+                n
+                for n in ERROR_BOUND_QUALITIES
+                if all(row["fixed"][n]["errors"][bound] <= of[0]["limit"] for row in group)
+            ]
             seeds = len({p["seed"] for p in of})
             # the first frame's seconds hold what is done once for a camera
             later = [p for p in of if p is not of[0]]
             costs = np.median([p["seconds"] for p in later]) if later else float("nan")
             cheapest = np.median([row["fixed"][able[0]]["seconds"] for row in group]) if able else float("nan")
-            settings = {n: sum(p["settings"] == n for p in of) for n in LADDER}
+            settings = {n: sum(p["settings"] == n for p in of) for n in ERROR_BOUND_QUALITIES}
             print(
                 f"{scene} {sensor} {width or ''} {bound}: frames x seeds {len(group)} x {seeds}; promised {len(said)}, "
                 f"kept {len(true)}; seconds {costs:.2f}, fixed {able[0] if able else 'none'} {cheapest:.2f}: "

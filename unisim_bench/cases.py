@@ -15,7 +15,7 @@ from unisim_blender.core.errors import SceneError
 from unisim_blender.core.evaluation.recorded import recorded_image
 from unisim_blender.core.model.scene_file import WEIGHTS_NAME, SceneHeader, read_scene_header
 from unisim_blender.core.render.lattice import Region
-from unisim_blender.core.render.quality import QUALITY, TRUTH
+from unisim_blender.core.render.quality import QUALITIES, TRUTH_QUALITY
 from unisim_blender.core.world.drive import CameraModel, Drive
 
 from .render_request import Measurement, RenderRequest, SceneSetup
@@ -142,7 +142,7 @@ def _against_truth(subject: Subject, methods: Sequence[BenchmarkMethod], request
     """The render request by every method, after the truth and twice the truth's samples."""
     truths = [
         CaseEntry({"truth": name}, DEFAULT, replace(request, quality=quality, whole=False), once=True)
-        for name, quality in (("truth", TRUTH), ("doubled", DOUBLED))
+        for name, quality in (("truth", TRUTH_QUALITY), ("doubled", DOUBLED))
     ]
     return truths + [
         CaseEntry(
@@ -160,7 +160,7 @@ def camera_case(
     """Images of one width."""
     model = subject.model.resized(width)
     regions = windows(width, model.height, settings.windows, settings.window)
-    request = RenderRequest(subject.setup(threads=threads), subject.camera, TRUTH, width, regions)
+    request = RenderRequest(subject.setup(threads=threads), subject.camera, TRUTH_QUALITY, width, regions)
     recorded = None
     if subject.log is not None:
         image = recorded_image(subject.log, subject.camera, subject.frame, width)
@@ -172,14 +172,16 @@ def camera_case(
 def lidar_case(subject: Subject, methods: Sequence[BenchmarkMethod], settings: Settings, threads: int) -> BenchmarkCase:
     """Sweeps."""
     assert subject.lidar is not None
-    request = RenderRequest(subject.setup(threads=threads), subject.lidar, TRUTH, column_step=settings.column_step)
+    request = RenderRequest(
+        subject.setup(threads=threads), subject.lidar, TRUTH_QUALITY, column_step=settings.column_step
+    )
     beams, columns = subject.lidar_size
     about = {"sensor": subject.lidar, "frame": subject.frame, "beams": beams, "columns": columns}
     return BenchmarkCase("lidar", about, _against_truth(subject, methods, request))
 
 
 def _typical(subject: Subject, width: int, threads: int, regions: tuple[Region, ...] = ()) -> RenderRequest:
-    return RenderRequest(subject.setup(threads=threads), subject.camera, QUALITY[TYPICAL], width, regions)
+    return RenderRequest(subject.setup(threads=threads), subject.camera, QUALITIES[TYPICAL], width, regions)
 
 
 def pixels_case(subject: Subject, settings: Settings, threads: int) -> BenchmarkCase:
@@ -259,7 +261,7 @@ def loop_case(subject: Subject, settings: Settings, threads: int) -> BenchmarkCa
     request = replace(request, steps=settings.loop_steps, beside=subject.lidar)
     entries = [
         CaseEntry({"quality": name, "method": f"native {name}"}, DEFAULT, replace(request, quality=quality), once=True)
-        for name, quality in QUALITY.items()
+        for name, quality in QUALITIES.items()
     ]
     return BenchmarkCase("loop", {"width": settings.loop_width}, entries)
 

@@ -25,7 +25,7 @@ from .report.tables import markdown
 from .settings import DEFAULT, VARIANTS, Settings, all_methods, cores, has_torch
 
 
-def document(
+def bench_document(
     cases: Sequence[BenchmarkCase],
     scene: str,
     settings: Settings,
@@ -44,15 +44,15 @@ def document(
     }
 
 
-def write_report(out: Path, document: dict[str, Any]) -> list[Path]:
+def write_bench_report(out: Path, report: dict[str, Any]) -> list[Path]:
     """Write the files and give their paths. Raises `OutputError`; ModuleNotFoundError, after the others are written,
     where matplotlib is missing."""
-    files = {"bench.json": json_bytes(finite(document)), "bench.md": markdown(document).encode()}
+    files = {"bench.json": json_bytes(finite(report)), "bench.md": markdown(report).encode()}
     for name, data in files.items():
         write_file(out / name, data)
     from .report.plots import images
 
-    drawn = images(document["metrics"])
+    drawn = images(report["metrics"])
     for name, data in drawn.items():
         write_file(out / name, data)
     return [out / name for name in (*files, *drawn)]
@@ -138,9 +138,9 @@ def run_bench(
     finally:
         processes.close()
         if any(entry.measurements for case in cases for entry in case.entries):
-            report = document(cases, str(scenes[0]), settings, where, left_out, complete)
+            report = bench_document(cases, str(scenes[0]), settings, where, left_out, complete)
             try:
-                written = write_report(out, report)
+                written = write_bench_report(out, report)
                 say(f"Written: {', '.join(map(str, written))}")
             except ModuleNotFoundError as error:
                 if error.name is None or error.name.partition(".")[0] != "matplotlib":

@@ -7,7 +7,7 @@ import os
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 
-from unisim_blender.core.render.quality import QUALITY, Quality
+from unisim_blender.core.render.quality import QUALITIES, Quality
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ ENVIRONMENTS = {
 }
 """Environment variables that each process is started with."""
 TYPICAL = "balanced"
-DOUBLED = replace(QUALITY["reference"], samples=32, background=16)
+DOUBLED = replace(QUALITIES["reference"], samples=32, background=16)
 """How far the truth is from twice its samples is the truth's own uncertainty."""
 
 
@@ -92,17 +92,17 @@ def all_methods(variants: dict[str, str], threads: int, torch: bool) -> list[Ben
     own = variants[DEFAULT]
     methods = [
         BenchmarkMethod(f"native {name}", DEFAULT, "compiled", quality, own, threads)
-        for name, quality in QUALITY.items()
+        for name, quality in QUALITIES.items()
     ]
     if threads > 1:
-        methods.append(BenchmarkMethod(f"native {TYPICAL}, 1 thread", DEFAULT, "compiled", QUALITY[TYPICAL], own, 1))
+        methods.append(BenchmarkMethod(f"native {TYPICAL}, 1 thread", DEFAULT, "compiled", QUALITIES[TYPICAL], own, 1))
     for variant in VARIANTS:
         if variants.get(variant) == variant and variant != own:
             name = f"native {TYPICAL}, {variant}"
-            methods.append(BenchmarkMethod(name, variant, "compiled", QUALITY[TYPICAL], variant, threads))
+            methods.append(BenchmarkMethod(name, variant, "compiled", QUALITIES[TYPICAL], variant, threads))
     if torch:
         # every pixel by a ray of its own: what the others are held against
-        every = replace(QUALITY[TYPICAL], lattice=1)
+        every = replace(QUALITIES[TYPICAL], lattice=1)
         methods += [
             BenchmarkMethod(KERNELS, KERNELS, "torch", every, own, threads, whole=False),
             BenchmarkMethod(EAGER, EAGER, "torch", every, "torch", threads, whole=False),

@@ -49,7 +49,7 @@ APART_M = 3.0
 """How far along x a copy's track is from the one of the copy before it."""
 
 
-def grid(count: int, slope: float) -> FloatArray:
+def copy_places(count: int, slope: float) -> FloatArray:
     """Places (count, 2) ahead and to the left, metres, the nearest row first and its middle first, within ``slope``
     metres to either side a metre ahead."""
     places: list[tuple[float, float]] = []
@@ -89,7 +89,7 @@ def with_copies(
     camera = drive.cameras[view]
     pose = camera.world_from_camera.at(camera.time_s[frame])
     yaw = float(np.arctan2(pose[1, 2], pose[0, 2]))
-    places = grid(count, WITHIN * slope_aside(camera.model)) * (-1 if behind else 1)
+    places = copy_places(count, WITHIN * slope_aside(camera.model)) * (-1 if behind else 1)
     points = np.tile(pose[:3, 3], (count, 1))
     points[:, :2] += places @ np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
     points[:, 2] -= heights(points)

@@ -57,7 +57,7 @@ ROOMS = (
 """In the order in which they need each other."""
 
 _commands: list[object] = []
-"""What `blender --command` was taught."""
+"""Commands that were added to `blender --command`."""
 
 
 def register() -> None:

@@ -1,4 +1,4 @@
-"""What the renderer's interpreter runs. It puts this package on the interpreter's path, and behind all that the
+"""Entry point of the renderer's interpreter. It puts this package on the interpreter's path, and behind all that the
 interpreter has the extension's wheels, where they are for its version of Python.
 
 python bootstrap.py WHEELS probe              says in JSON what the interpreter has

@@ -12,7 +12,7 @@ DEVICES = (
 
 
 class UniSimPreferences(bpy.types.AddonPreferences):
-    """Which interpreter renders, and on what."""
+    """Preferences of the add-on: the interpreter that renders, and its device."""
 
     bl_idname = __package__
 

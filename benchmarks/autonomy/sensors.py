@@ -11,7 +11,7 @@ from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.geometry import invert_pose, transform_points
 from unisim_blender.core.simulation.clock import Exposure
 from unisim_blender.core.simulation.drivers.driver import POINT_FIELDS, CameraImage, LidarSweep
-from unisim_blender.core.simulation.rollout.sensors import image_of
+from unisim_blender.core.simulation.rollout.sensors import delivered_image
 from unisim_blender.core.world.drive import Drive
 
 
@@ -30,7 +30,7 @@ class RecordedSensors:
             if frame is None:
                 raise UnisimError(f"{self.log.path}: nothing was recorded by {name} at {one.capture.time_us} us")
             if name in drive.cameras:
-                images.append(image_of(one, self.log.image(name, frame)))
+                images.append(delivered_image(one, self.log.image(name, frame)))
                 continue
             recorded = self.log.sweep(name, frame)
             points = np.zeros(len(recorded.points), POINT_FIELDS)

@@ -20,10 +20,10 @@ from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.files import write_file
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.prepare.selection import split_names
-from unisim_blender.core.render.quality import QUALITY
+from unisim_blender.core.render.quality import QUALITIES
 from unisim_blender.core.scenario.simulation import SimulationSpec
 from unisim_blender.core.simulation.rollout.run import complete
-from unisim_blender.core.simulation.rollout.setup import note, open_scenario
+from unisim_blender.core.simulation.rollout.setup import note_scenario, open_scenario
 
 from .asked import JITTER, seconds_for, write_asked
 from .drivers import DRIVERS, entries
@@ -41,7 +41,7 @@ from .table import markdown
 @click.option("--period", "period_s", type=float, metavar="S", help="Between captures.  [default: as recorded]")
 @click.option("--sensors", metavar="A,B", help="Cameras and LiDARs by name.  [default: all]")
 @click.option("--width", type=click.IntRange(min=8))
-@click.option("--quality", type=click.Choice(list(QUALITY)), default="fast", show_default=True)
+@click.option("--quality", type=click.Choice(list(QUALITIES)), default="fast", show_default=True)
 @click.option("--renderer", metavar="NAME", help="As of `unisim render`.")
 @click.option("--scene", type=click.Path(path_type=Path), help="A trained scene, in place of the scenario's.")
 @click.option("--film", is_flag=True, help="Write films, too.")
@@ -63,7 +63,7 @@ def main(
             kind = entry.kind()
             begun, lasts = time.monotonic(), seconds_for(asked, options, kind.drives, seconds)
             simulation = opened.simulation(SimulationSpec(duration_s=lasts, seed=0), kind, out / entry.name)
-            note(simulation.scenario, simulation.out, True)
+            note_scenario(simulation.scenario, simulation.out, True)
             done = complete(simulation, options, film=film)
             found[entry.name] = done.scores
             click.echo(f"{entry.name}: {time.monotonic() - begun:.0f} s, {done.anew} captures rendered anew", err=True)

@@ -13,7 +13,7 @@ from unisim_blender.core.sequence.run import render_sequence
 from unisim_blender.core.simulation.rollout.loop import roll_out
 from unisim_blender.core.simulation.rollout.run import Seeds, complete, run_seeds
 from unisim_blender.core.simulation.rollout.score import SCORES_NAME
-from unisim_blender.core.simulation.rollout.setup import OpenedScenario, Simulation, note
+from unisim_blender.core.simulation.rollout.setup import OpenedScenario, Simulation, note_scenario
 from unisim_blender.core.simulation.rollout.steps import SCENARIO_NAME, STEPS_NAME
 
 from .drivers import Entry
@@ -67,7 +67,7 @@ def checks(
     seen = files_of(_rolled(entry, opened, asked, out / "seen" / "seed-0").out, False, SEEN)
     for name in ("once", "twice"):
         simulation = opened.simulation(replace(asked, seed=0), entry.kind(), out / name / "seed-0")
-        note(simulation.scenario, simulation.out, False)
+        note_scenario(simulation.scenario, simulation.out, False)
         complete(simulation, options)
     for jobs in PROCESSES:
         seeds = Seeds(scenario, options, asked, entry.driver, out / f"in-{jobs}", endpoint=entry.endpoint)
@@ -86,7 +86,7 @@ def checks(
 def _rolled(entry: Entry, opened: OpenedScenario, asked: SimulationSpec, out: Path) -> Simulation:
     """Run a rollout alone, whose captures stay as they were delivered, and return its simulation."""
     simulation = opened.simulation(replace(asked, seed=asked.seed or 0), entry.kind(), out)
-    note(simulation.scenario, out, False)
+    note_scenario(simulation.scenario, out, False)
     roll_out(simulation)
     return simulation
 

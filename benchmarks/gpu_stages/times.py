@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from unisim_blender.core import native
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.render.captures import render_image, render_sweep, states_of
-from unisim_blender.core.render.quality import QUALITY
+from unisim_blender.core.render.quality import QUALITIES
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.sensors.frames import CameraFrame
@@ -102,12 +102,12 @@ def time_scene(settings: Settings, found: Findings, preset: str) -> None:
     drive = scene.header.drive
 
     def image(quality: str) -> Callable[[], CameraFrame]:
-        renderer = Renderer(TorchBackend(scene, QUALITY[quality]))
+        renderer = Renderer(TorchBackend(scene, QUALITIES[quality]))
         states = states_of(renderer, drive)
         return lambda: render_image(renderer, states, Capture.of_frame(states.camera(CAMERA), frame))
 
     def sweep(quality: str) -> Callable[[], object]:
-        renderer = Renderer(TorchBackend(scene, QUALITY[quality]))
+        renderer = Renderer(TorchBackend(scene, QUALITIES[quality]))
         states = states_of(renderer, drive)
         return lambda: render_sweep(renderer, states, Capture.of_frame(states.lidar(beam_lidars(log)[0]), frame))
 
@@ -119,7 +119,7 @@ def time_scene(settings: Settings, found: Findings, preset: str) -> None:
     work: list[tuple[str, Callable[[], Callable[[], object]], int]] = [("step", steps, STEPS)]
     work += [(f"image, {quality}", partial(image, quality), 1) for quality in ("balanced", "fast")]
     work += [("sweep, balanced", partial(sweep, "balanced"), 1)]
-    work += [(f"image, {q}", partial(image, q), 1) for q in QUALITY if q not in ("balanced", "fast")]
+    work += [(f"image, {q}", partial(image, q), 1) for q in QUALITIES if q not in ("balanced", "fast")]
     of: dict[str, Any] = {}
     for number, (name, made, per) in enumerate(work):
         share_s = found.left_s() / (len(work) - number)

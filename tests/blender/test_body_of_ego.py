@@ -14,7 +14,7 @@ from helpers import edited, imported, read, select
 from test_mesh_actors import crate
 from test_scenarios import assert_alike, drive_of, there_and_back
 
-from unisim_blender.bridge.objects.ego_bodies import NOTED, show_bodies, shown_as, to_follow
+from unisim_blender.bridge.objects.ego_bodies import DISPLAY_KEY, bodies_differ, show_bodies, shown_as
 from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.sampling.adjacent_frames import sample_now
 from unisim_blender.core.geometry import invert_pose
@@ -228,15 +228,15 @@ def test_views_through_cameras_on_the_vehicle_do_not_draw_it(street: Any) -> Non
     ]  # fmt: skip
     layers = list(street.view_layers)
     for wanted, hidden, drawn in (("HIDDEN", True, "WIRE"), ("BOUNDS", False, "BOUNDS"), ("HIDDEN", True, "WIRE")):
-        assert to_follow(street, wanted)
+        assert bodies_differ(street, wanted)
         show_bodies(street, wanted, layers)
-        assert not to_follow(street, wanted)
+        assert not bodies_differ(street, wanted)
         assert (part.hide_get(), part.display_type) == (hidden, drawn) and box.hide_get() == hidden
         # hidden in views alone: the scenario has it
         assert len(bodies(street)) == 1
     show_bodies(street, "SHOWN", layers)
     assert (part.hide_get(), part.display_type, box.display_type) == (False, "WIRE", "TEXTURED")
-    assert NOTED not in part and not to_follow(street, "SHOWN")
+    assert DISPLAY_KEY not in part and not bodies_differ(street, "SHOWN")
     # what a person hides stays hidden
     box.hide_set(True)
     show_bodies(street, "BOUNDS", layers)

@@ -153,7 +153,7 @@ def test_a_window_is_redrawn_for_news_alone(scene: Any, tmp_path: Any, monkeypat
     background.watch()
     background.watch()
     assert len(looks) == 3
-    background.reported_at[0] -= background.TELL_S
+    background.reported_at[0] -= background.REPORT_S
     background.watch()
     assert len(looks) == 4
     task.code = 0

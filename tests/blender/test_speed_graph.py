@@ -18,20 +18,20 @@ from unisim_blender.editing.layout.speed_graph import (
     NOW,
     OVER,
     RECORDED,
-    Shapes,
+    GraphShapes,
     axes_of,
     curves,
     moment,
     values,
 )
 from unisim_blender.editing.motion import kinematics as comparison
-from unisim_blender.editing.motion.kinematics import Compared, Limits, ObjectTrack, compared
+from unisim_blender.editing.motion.kinematics import Limits, MotionComparison, ObjectTrack, compared
 from unisim_blender.editing.motion.plausibility import warnings_of
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.features.motion.settings import graph_of, limits_of
+from unisim_blender.features.motion.properties import graph_of, limits_of
 
 
-def graph() -> Compared:
+def graph() -> MotionComparison:
     """The graph of the active object."""
     found = graph_of(bpy.context)
     assert found is not None
@@ -46,7 +46,7 @@ def swerve(one: Any, left_m: float) -> None:
         one.keyframe_insert("location", frame=frame)
 
 
-def colours(shapes: Shapes) -> set[tuple[float, ...]]:
+def colours(shapes: GraphShapes) -> set[tuple[float, ...]]:
     """The colours of all triangles."""
     return set(shapes.colours)
 
@@ -136,7 +136,7 @@ def test_it_is_computed_again_only_when_the_motion_changes(street: Any, monkeypa
     computed = []
     real = comparison.compared
 
-    def counted(*given: Any) -> Compared:
+    def counted(*given: Any) -> MotionComparison:
         computed.append(1)
         return real(*given)
 

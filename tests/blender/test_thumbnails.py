@@ -37,7 +37,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "cache"
 
 
-def ended(maker: thumbnails.Maker) -> None:
+def ended(maker: thumbnails.ThumbnailMaker) -> None:
     """Wait for a process's end."""
     last = time.monotonic() + 240
     while not maker.ended:
@@ -47,7 +47,7 @@ def ended(maker: thumbnails.Maker) -> None:
 
 def made(path: Path) -> None:
     """Have a log's thumbnails made, as a window does."""
-    thumbnails._makers[path] = maker = thumbnails.Maker(path, "")
+    thumbnails._makers[path] = maker = thumbnails.ThumbnailMaker(path, "")
     maker.start()
     ended(maker)
     assert maker.code == 0, list(maker.words)
@@ -84,7 +84,7 @@ def test_what_is_kept_needs_no_process(scene: Any, street_log: Path, monkeypatch
     def refused(*_: Any) -> None:
         raise AssertionError("a process was started")
 
-    monkeypatch.setattr(thumbnails.Maker, "start", refused)
+    monkeypatch.setattr(thumbnails.ThumbnailMaker, "start", refused)
     thumbnails.ask(street_log)
     assert thumbnails._complete[street_log] and thumbnails.images_of(street_log)
 
@@ -92,7 +92,7 @@ def test_what_is_kept_needs_no_process(scene: Any, street_log: Path, monkeypatch
 def test_a_log_that_cannot_be_read_is_tried_once(addon: Any, tmp_path: Path) -> None:
     path = tmp_path / "empty"
     path.mkdir()
-    thumbnails._makers[path] = maker = thumbnails.Maker(path, "")
+    thumbnails._makers[path] = maker = thumbnails.ThumbnailMaker(path, "")
     maker.start()
     ended(maker)
     assert maker.code != 0 and thumbnails._look() is None
@@ -104,7 +104,7 @@ def test_a_log_that_cannot_be_read_is_tried_once(addon: Any, tmp_path: Path) -> 
 
 
 def test_a_stopped_process_ends(addon: Any, street_log: Path) -> None:
-    maker = thumbnails.Maker(street_log, "")
+    maker = thumbnails.ThumbnailMaker(street_log, "")
     maker.start()
     maker.stop()
     ended(maker)

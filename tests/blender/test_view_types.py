@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 
 from unisim_blender.bridge.objects.imported import source_of
-from unisim_blender.bridge.objects.sensors import drawn_tiny, resize_frustums, to_resize
+from unisim_blender.bridge.objects.sensors import drawn_tiny, frustums_differ, resize_frustums
 from unisim_blender.editing.sensors.mounts import recorded_camera_pose
 from unisim_blender.viewport.view_types import CAMERAS, EMPTIES, SWITCHES, turned_off, wanted
 
@@ -77,8 +77,8 @@ def test_frustums_are_tiny_while_a_view_looks_through_a_camera(street: Any) -> N
     assert not drawn_tiny([None]) and drawn_tiny([None, street.camera])
     for _ in range(2):
         resize_frustums(street, True)
-        assert camera.display_size < 0.02 and not to_resize(street, True) and to_resize(street, False)
+        assert camera.display_size < 0.02 and not frustums_differ(street, True) and frustums_differ(street, False)
     for _ in range(2):
         resize_frustums(street, False)
-        assert camera.display_size == size and not to_resize(street, False)
+        assert camera.display_size == size and not frustums_differ(street, False)
     assert "unisim_display_size" not in camera

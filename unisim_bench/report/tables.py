@@ -28,7 +28,7 @@ def key(name: str, digits: int = 3, scale: float = 1.0) -> Callable[[TableLine],
     return lambda row: number(None if row.get(name) is None else row[name] * scale, digits)
 
 
-def table(columns: Sequence[FigureColumn], rows: Sequence[TableLine]) -> list[str]:
+def table_lines(columns: Sequence[FigureColumn], rows: Sequence[TableLine]) -> list[str]:
     """A table's lines."""
     head = [f"| {' | '.join(name for name, _ in columns)} |", f"|{'---|' * len(columns)}"]
     return head + [f"| {' | '.join(cell(row) for _, cell in columns)} |" for row in rows]
@@ -51,7 +51,7 @@ LIDAR: list[FigureColumn] = [
 
 
 def markdown(document: dict[str, Any]) -> str:
-    """The whole document as `report.document` gives it."""
+    """The whole document as `run.bench_document` gives it."""
     m, metrics = document["machine"], document["metrics"]
     packages = ", ".join(f"{name} {release}" for name, release in m["packages"].items() if release)
     lines = [
@@ -86,7 +86,7 @@ def _camera(case: TableLine) -> list[str]:
     return [
         f"## Camera {case['sensor']}, frame {case['frame']}, {case['width']}×{case['height']}", "",
         _truth(case, (("psnr_db", "PSNR dB"), ("delta_e", "mean ΔE"))), "",
-        *table([*CAMERA, *recorded], case["entries"]),
+        *table_lines([*CAMERA, *recorded], case["entries"]),
     ]  # fmt: skip
 
 
@@ -94,7 +94,7 @@ def _lidar(case: TableLine) -> list[str]:
     return [
         f"## LiDAR {case['sensor']}, frame {case['frame']}, {case['beams']}×{case['columns']}", "",
         _truth(case, (("median_mm", "median mm"), ("p90_mm", "p90 mm"), ("p99_mm", "p99 mm"))), "",
-        *table(LIDAR, case["entries"]),
+        *table_lines(LIDAR, case["entries"]),
     ]  # fmt: skip
 
 
@@ -104,7 +104,7 @@ def _pixels(case: TableLine) -> list[str]:
         ("µs a pixel", lambda row: number(1e6 * row["seconds"] / (row["width"] * row["height"]))),
         ("rays", key("rays", 4)),
     ]  # fmt: skip
-    return ["## Pixels", "", *table(columns, case["entries"])]
+    return ["## Pixels", "", *table_lines(columns, case["entries"])]
 
 
 def _copies(case: TableLine) -> list[str]:
@@ -114,7 +114,7 @@ def _copies(case: TableLine) -> list[str]:
         ("s", key("seconds")), ("samples a ray", key("samples_per_ray")),
         ("actors in view that no ray can hit", lambda row: str(row["actors_skipped"])),
     ]  # fmt: skip
-    return [f"## Actors, {case['width']} wide", "", *table(columns, case["entries"])]
+    return [f"## Actors, {case['width']} wide", "", *table_lines(columns, case["entries"])]
 
 
 def _size(row: TableLine) -> str:
@@ -132,7 +132,7 @@ def _state(case: TableLine) -> list[str]:
         f"Processor time before a ray is traced, compiled path, frame {case['frame']}, medians of {case['repeats']}. Copies of "
         "the scene's actors move like these; all are bound and culled, seen or not."
     )
-    return ["## State of the world", "", about, "", *table(columns, case["entries"])]
+    return ["## State of the world", "", about, "", *table_lines(columns, case["entries"])]
 
 
 def _region(case: TableLine) -> list[str]:
@@ -142,7 +142,7 @@ def _region(case: TableLine) -> list[str]:
         ("same bits", lambda row: "yes" if row["same_bits"] else "no"),
     ]  # fmt: skip
     title = f"## A region rendered alone, {case['width']}×{case['height']}"
-    return [title, "", f"The whole frame: {number(case['whole_s'])} s", "", *table(columns, case["entries"])]
+    return [title, "", f"The whole frame: {number(case['whole_s'])} s", "", *table_lines(columns, case["entries"])]
 
 
 def _scenes(case: TableLine) -> list[str]:
@@ -152,7 +152,7 @@ def _scenes(case: TableLine) -> list[str]:
         ("volume m³", key("volume_m3")), ("actors", lambda row: str(row["actors"])), ("s", key("seconds")),
         ("samples a ray", key("samples_per_ray")),
     ]  # fmt: skip
-    return [f"## Scenes, {case['width']} wide", "", *table(columns, case["entries"])]
+    return [f"## Scenes, {case['width']} wide", "", *table_lines(columns, case["entries"])]
 
 
 def _loop(case: TableLine) -> list[str]:
@@ -167,13 +167,13 @@ def _loop(case: TableLine) -> list[str]:
         "",
         about,
         "",
-        *table(columns, case["entries"]),
+        *table_lines(columns, case["entries"]),
     ]
 
 
 def _memory(case: TableLine) -> list[str]:
     columns: list[FigureColumn] = [("what", lambda row: row["what"]), ("most resident memory, MB", key("peak_mb"))]
-    return ["## Memory of a fresh process", "", *table(columns, case["entries"])]
+    return ["## Memory of a fresh process", "", *table_lines(columns, case["entries"])]
 
 
 GROWTH = {

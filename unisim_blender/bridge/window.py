@@ -16,7 +16,7 @@ from .objects.trajectories import trajectory_of
 
 
 def areas(*kinds: str) -> Iterator[bpy.types.Area]:
-    """Every area of some kinds, in every window; of any kind without."""
+    """Yield the areas of some kinds, in all windows; of any kind without."""
     for window in bpy.context.window_manager.windows:
         yield from (area for area in window.screen.areas if not kinds or area.type in kinds)
 
@@ -58,7 +58,7 @@ def refresh(changed: Iterable[bpy.types.Object]) -> None:
 
 
 def chosen(context: bpy.types.Context, *kinds: str) -> list[bpy.types.Object]:
-    """The selected objects of some kinds."""
+    """Return the selected objects of some kinds."""
     return [obj for obj in context.selected_objects if obj.unisim.kind in kinds]
 
 

@@ -21,7 +21,7 @@ from ..editing.texts import UPPER, cased, packed, unpacked
 from ..registering import add, take_away
 from ..translations import localized, message
 from .drive.export_operators import sampled_in_steps
-from .motion.settings import limits_of
+from .motion.properties import limits_of
 from .operator_bases import AtOnce, Needing, in_thread
 from .sidebar import DrivePanel
 

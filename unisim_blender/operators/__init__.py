@@ -9,7 +9,7 @@ from ..features.drive import export_operators, import_operators
 from ..features.edits import operators as edits
 from ..features.motion import drag
 from ..features.motion import operators as motion
-from ..features.motion import settings as motion_settings
+from ..features.motion import properties as motion_properties
 from ..features.output import operators as output
 from ..features.points import operators as points
 from ..features.sensors import operators as sensors
@@ -19,7 +19,7 @@ from ..features.variants import operators as variants
 from ..process import background, interpreters
 
 MODULES = (
-    motion_settings,
+    motion_properties,
     import_operators,
     export_operators,
     actor_list,

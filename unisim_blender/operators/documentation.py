@@ -12,8 +12,8 @@ from pathlib import Path
 import bpy
 
 MANUAL = Path(__file__).resolve().parents[1] / "manual"
-"""Where the extension has its manual; sources that were not built have none."""
-TOP = "index"
+"""The folder of the extension's manual; sources that were not built have none."""
+INDEX = "index"
 
 SECTIONS = (
     ("bpy.ops.unisim.import_*", "import"),
@@ -82,8 +82,8 @@ SECTIONS = (
     ("bpy.types.unisim_pt_motion*", "motion"),
     ("bpy.types.unisim_pt_actors*", "find-an-actor"),
     ("bpy.types.unisim_*", "edit"),
-    ("bpy.types.unisim*", TOP),
-    ("bpy.types.*.unisim*", TOP),
+    ("bpy.types.unisim*", INDEX),
+    ("bpy.types.*.unisim*", INDEX),
 )
 """Patterns of Blender's names in lower case, and the section of the manual; the first that fits counts."""
 
@@ -98,7 +98,7 @@ CLASSES = ()
 
 def register() -> None:
     """Add the manual to Blender's, where it was built."""
-    if (MANUAL / f"{TOP}.html").is_file():
+    if (MANUAL / f"{INDEX}.html").is_file():
         bpy.utils.register_manual_map(manual_map)
 
 

@@ -1,4 +1,4 @@
-"""Where operators are found beside the sidebar: the Object, Add and Render menus, shortcuts, and a pie menu of the edits
+"""Access to operators beside the sidebar: the Object, Add and Render menus, shortcuts, and a pie menu of the edits
 that fit the kind of the active object; and the active camera's image size."""
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ SHORTCUTS = (
 )
 _keys: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
 _active: dict[int, int | None] = {}
-"""Which camera each scene was last seen with."""
+"""The camera that was active in each scene at the last look."""
 
 
 class UNISIM_MT_object(bpy.types.Menu):

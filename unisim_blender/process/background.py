@@ -9,15 +9,15 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ..bridge.window import allowed, areas, redraw_status_bar
+from ..bridge.window import allowed, redraw, redraw_status_bar
 from ..editing.layout.chart import ChartImage, training_chart
 from ..registering import add, take_away
 from ..translations import message
 from .tasks import SequenceTask, Task, TrainingTask
 
 POLL_S = 0.5
-TELL_S = 5.0
-"""Time that is left is reported anew so often: Blender redraws the whole window for it, which renderers wait for."""
+REPORT_S = 5.0
+"""Interval of reports of the remaining time: Blender redraws the whole window for each, which renderers wait for."""
 PREVIEW, CURVE = "UniSim preview", "UniSim training"
 """Images that show what runs."""
 
@@ -26,9 +26,9 @@ running: list[Task] = []
 newest: list[Task] = []
 """The task that was begun last."""
 reported: list[tuple[float, bool]] = []
-"""How much of the task at hand was done, and whether it was cancelled, when that was reported last."""
+"""Progress of the task at hand, and whether it was cancelled, at the last report."""
 reported_at: list[float] = []
-"""When that was."""
+"""Time of the last report."""
 previewed: list[tuple[Path, int]] = []
 """The image file that is shown, and its time of change."""
 
@@ -55,7 +55,7 @@ def watch() -> float | None:
 def _is_news(task: Task) -> bool:
     """Return whether more is done than was reported, or that was long ago."""
     state, now = (task.done, task.cancelled), time.monotonic()
-    if reported == [state] and now - reported_at[0] < TELL_S:
+    if reported == [state] and now - reported_at[0] < REPORT_S:
         return False
     reported[:], reported_at[:] = [state], [now]
     return True
@@ -70,8 +70,7 @@ def tell(task: Task) -> None:
         show(image_path)
     if isinstance(task, TrainingTask):
         show_curve(training_chart(task.curve(), task.total))
-    for area in areas("VIEW_3D", "IMAGE_EDITOR"):
-        area.tag_redraw()
+    redraw("VIEW_3D", "IMAGE_EDITOR")
 
 
 def owner() -> str:

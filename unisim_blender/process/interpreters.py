@@ -16,25 +16,26 @@ from typing import Any
 
 import bpy
 
-from ..bridge.window import areas
+from ..bridge.window import redraw
 from ..preferences import interpreter
 from ..translations import message
 
-HERE = Path(__file__).resolve().parents[1]
-BOOTSTRAP = HERE / "bootstrap.py"
+PACKAGE = Path(__file__).resolve().parents[1]
+BOOTSTRAP = PACKAGE / "bootstrap.py"
 PYTHON = f"python{sys.version_info.major}.{sys.version_info.minor}"
 WHEELS = Path(bpy.utils.user_resource("EXTENSIONS"), ".local", "lib", PYTHON, "site-packages")
-"""Where Blender unpacks the wheels of its extensions."""
+"""The folder into which Blender unpacks the wheels of its extensions."""
 MODULES = Path(bpy.utils.user_resource("SCRIPTS"), "addons", "modules")
-"""Where Blender's Python looks for a user's own packages, after its own: what some layouts of logs need is installed there."""
-PROBE_LIMIT_S = 120
+"""The folder of a user's own packages, searched after Blender's: what some layouts of logs need is installed there."""
+PROBE_TIMEOUT_S = 120
 """A cold import of torch from a slow disk takes half a minute."""
 HOW_TO_MEND = (
     "Run make setup in the folder of the sources, or pip install '.[torch]' there, and name that interpreter in "
     "Preferences > Add-ons > UniSim"
 )
-VARIABLE = "UNISIM_PYTHON"
+PYTHON_VARIABLE = "UNISIM_PYTHON"
 """Environment variable that names an interpreter, for where preferences are not at hand."""
+POLL_S = 0.2
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ def command(interpreter: str, *arguments: str) -> list[str]:
 def candidates(chosen: str = "") -> Iterator[str]:
     """Interpreters to try, each once, the likeliest to be meant first."""
     seen: set[str] = set()
-    for path in (chosen, os.environ.get(VARIABLE, ""), sys.executable, *_installed()):
+    for path in (chosen, os.environ.get(PYTHON_VARIABLE, ""), sys.executable, *_installed()):
         if path and path not in seen and Path(path).is_file():
             seen.add(path)
             yield path
@@ -63,7 +64,7 @@ def candidates(chosen: str = "") -> Iterator[str]:
 def _installed() -> Iterator[str]:
     """The environment that `make setup` leaves beside the sources, and that of the console script on the path."""
     for name in ("bin/python", "Scripts/python.exe"):
-        yield str(HERE.parent / ".venv" / name)
+        yield str(PACKAGE.parent / ".venv" / name)
     script = shutil.which("unisim")
     if script:
         for name in ("python", "python3", "python.exe"):
@@ -73,13 +74,13 @@ def _installed() -> Iterator[str]:
 def probe(path: str) -> Probe:
     """Ask an interpreter what it has. Takes seconds: not for the thread that draws."""
     try:
-        done = subprocess.run(command(path, "probe"), capture_output=True, timeout=PROBE_LIMIT_S, check=False)
+        done = subprocess.run(command(path, "probe"), capture_output=True, timeout=PROBE_TIMEOUT_S, check=False)
         if done.returncode == 0:
             return Probe(path, json.loads(done.stdout))
         lines = done.stderr.decode(errors="replace").strip().splitlines()
         return Probe(path, problem=lines[-1] if lines else f"ended with exit status {done.returncode}")
     except subprocess.TimeoutExpired:
-        return Probe(path, problem=f"gave no answer in {PROBE_LIMIT_S} s")
+        return Probe(path, problem=f"gave no answer in {PROBE_TIMEOUT_S} s")
     except (OSError, ValueError) as fault:
         return Probe(path, problem=str(fault))
 
@@ -102,9 +103,6 @@ def how_to_mend(failed: list[Probe], training: bool = False) -> str:
     tried = "; ".join(f"{failure.path}: {failure.problem}" for failure in failed) or "none was found"
     what = "train, which needs torch" if training else "render"
     return f"no Python interpreter here can {what} ({tried}). {HOW_TO_MEND}"
-
-
-POLL_S = 0.2
 
 
 def report_of(chosen: str) -> str:
@@ -154,8 +152,7 @@ class UNISIM_OT_test_renderer(bpy.types.Operator):
             if thread.is_alive():
                 return POLL_S
             bpy.context.window_manager.unisim_renderer = answer[0] if answer else message("The test failed")
-            for area in areas():
-                area.tag_redraw()
+            redraw()
             return None
 
         if bpy.app.background:

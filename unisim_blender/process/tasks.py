@@ -23,8 +23,8 @@ from ..core.world.captures import CaptureKey
 from ..translations import message
 from . import interpreters
 
-PATIENCE_S = 20.0
-"""How long a process that was asked to end may take to leave everything whole."""
+STOP_TIMEOUT_S = 20.0
+"""Time limit for a process that was asked to end, after which it is killed."""
 
 
 @dataclass
@@ -56,7 +56,7 @@ class Task:
 
     @property
     def place(self) -> str:
-        """Where its results are, for people to read."""
+        """Location of its results, for people to read."""
         return str(self.folder)
 
     @property
@@ -66,12 +66,12 @@ class Task:
 
     @property
     def done(self) -> float:
-        """How much of `total` is done."""
+        """Amount that is done, of `total`."""
         raise NotImplementedError
 
     @property
     def fraction(self) -> float:
-        """How much of it is done, from 0 to 1."""
+        """Fraction that is done, from 0 to 1."""
         return min(1.0, self.done / max(self.total, 1e-9))
 
     @property
@@ -101,11 +101,11 @@ class Task:
         return message("{progress}, {time} left", progress=self.measure() + self.speed(new / spent), time=time_left)
 
     def measure(self) -> str:
-        """How far it is."""
+        """Progress in words."""
         raise NotImplementedError
 
     def speed(self, rate: float) -> str:
-        """How fast it goes, or ""."""
+        """Speed in words, or ""."""
         return ""
 
     def cancel(self) -> None:
@@ -152,7 +152,7 @@ class Task:
 
 def _end(process: subprocess.Popen[bytes]) -> None:
     try:
-        process.wait(PATIENCE_S)
+        process.wait(STOP_TIMEOUT_S)
     except subprocess.TimeoutExpired:
         process.kill()
 

@@ -13,11 +13,11 @@ from ..bridge.window import areas
 from ..editing.texts import Text
 from ..registering import Drawing, add, take_away
 from ..translations import localized
-from .comparison import IMAGES, TURN_S, difference_of
+from .comparison import FLICKER_S, IMAGES, difference_of
 from .options import options_of
 
-NEAR_PX = 8
-"""So near to the split's line the mouse takes hold of it."""
+GRAB_PX = 8
+"""Distance from the split's line within which the mouse grabs it."""
 TEXT_PX, GAP_PX = 13, 8
 LINE, TEXT, SHADE, HATCH = (1.0, 1.0, 1.0, 0.9), (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.55), (1.0, 0.15, 0.15, 1.0)
 RECORDED, RENDERED = Text("recorded"), Text("rendered")
@@ -61,7 +61,7 @@ def draw() -> None:
     right, top = min(left + width, context.region.width), min(bottom + height, context.region.height)
     left, low = max(left, 0), max(bottom, 0)
     if mode == "FLICKER" and not bpy.app.timers.is_registered(_turn):
-        bpy.app.timers.register(_turn, first_interval=TURN_S)
+        bpy.app.timers.register(_turn, first_interval=FLICKER_S)
     at_y = low + GAP_PX * scale
     if mode == "SPLIT":
         x = line_at(context.region, options.split) or 0.0
@@ -127,7 +127,7 @@ class UNISIM_GT_split(bpy.types.Gizmo):
     def test_select(self, context: bpy.types.Context, location: Any) -> int:
         """Return 0 where the mouse is on the line, -1 elsewhere."""
         at = line_at(context.region, options_of(context.space_data).split)
-        near = at is not None and abs(location[0] - at) <= NEAR_PX * context.preferences.system.ui_scale
+        near = at is not None and abs(location[0] - at) <= GRAB_PX * context.preferences.system.ui_scale
         return 0 if near else -1
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -203,7 +203,7 @@ def _turn() -> float | None:
         for region in area.regions:
             if region.type == "WINDOW":
                 region.tag_redraw()
-    return TURN_S if flickers else None
+    return FLICKER_S if flickers else None
 
 
 CLASSES = (UNISIM_GT_split, UNISIM_GGT_split)

@@ -16,7 +16,7 @@ from ..editing.images.comparison import (
     PixelRectangle,
     RecordedImageRequest,
     RecordedImages,
-    Shown,
+    ShownImage,
     difference,
     errors,
     hatched,
@@ -30,15 +30,15 @@ from ..editing.sampled.source import DriveSource
 from ..editing.texts import Text
 from .options import ViewOptions
 
-TURN_S = 0.25
-"""How long each image is shown where they flicker: both, twice a second."""
+FLICKER_S = 0.25
+"""Duration of each image where they flicker: both, twice a second."""
 
 IMAGES = RecordedImages()
 
 
 def recorded_turn() -> bool:
     """Return whether it is the recorded image's turn where images flicker."""
-    return int(time.monotonic() / TURN_S) % 2 == 0
+    return int(time.monotonic() / FLICKER_S) % 2 == 0
 
 
 class ViewComparison:
@@ -49,17 +49,17 @@ class ViewComparison:
         self.lacks = ""
         """Why the view has no recorded image."""
         self.metrics = ""
-        """How far the images are apart, where the difference is shown."""
+        """Errors of the rendered image, as a sentence, where the difference is shown."""
         self.turn = False
         """Whether the recorded image was drawn last, where images flicker."""
         self._request: RecordedImageRequest | None = None
-        self._shown: Shown | None = None
+        self._shown: ShownImage | None = None
         self._textures: dict[str, Any] = {}
         self._texture_keys: dict[str, object] = {}
 
     @property
     def mode(self) -> str:
-        """Which of `MODES` is shown: a view without a recorded image shows the rendered one."""
+        """The mode that is shown, of `MODES`: a view without a recorded image shows the rendered one."""
         return "RENDERED" if self.lacks else self.options.mode
 
     @property
@@ -169,7 +169,7 @@ class ViewComparison:
                 self._put("rendered", marked if over is None else hatched(marked, over), rendered_key)
             draw_part(self._textures["rendered"], rectangle, split, 1.0)
 
-    def _metrics_text(self, shown: Shown, srgb: NDArray[np.uint8], seen: tuple[slice, slice]) -> str:
+    def _metrics_text(self, shown: ShownImage, srgb: NDArray[np.uint8], seen: tuple[slice, slice]) -> str:
         metrics = errors(shown.srgb[seen], shown.covered[seen], srgb[seen])
         if metrics is None:
             return ""

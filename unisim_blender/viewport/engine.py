@@ -23,11 +23,11 @@ from ..preferences import device, interpreter
 from ..process.client import Client, Request, client, progress_line
 from ..translations import interface, localized
 
-WAIT_S = 0.05
+CANCEL_POLL_S = 0.05
 """Between two looks at whether the user has had enough."""
-LOOK_S = 0.01
+POLL_S = 0.01
 """Between two looks at whether something has come for a viewport."""
-QUIET_S, QUIET = 0.1, 3.0
+MIN_PAUSE_S, PAUSE_FACTOR = 0.1, 3.0
 """Shortest pause between two drawings of an image that arrives in parts, seconds, and as a multiple of the time that
 the last drawing took: where OpenGL is software, drawing takes its time from the worker. The first and the last of an
 image are drawn at once."""
@@ -39,7 +39,7 @@ PASSES = {
 }
 """By Blender's name: the view layer's switch (None: the scene's own), channels, their names, their
 kind, core's name."""
-FAR = 1e10
+NO_DEPTH = 1e10
 """Depth that Blender writes where there is nothing."""
 
 
@@ -166,7 +166,7 @@ class UniSimEngine(bpy.types.RenderEngine):
                     cancelled = True
                     return
                 try:
-                    event = request.events.get(timeout=WAIT_S)
+                    event = request.events.get(timeout=CANCEL_POLL_S)
                 except queue.Empty:
                     continue
                 if event["event"] == "error":
@@ -239,7 +239,7 @@ class ResultImage:
 
     def _values(self, name: str, event: dict[str, Any], arrays: dict[str, Any]) -> NDArray[Any]:
         if name == "Depth":
-            return np.where(np.isfinite(arrays["z_depth_m"]), arrays["z_depth_m"], FAR)
+            return np.where(np.isfinite(arrays["z_depth_m"]), arrays["z_depth_m"], NO_DEPTH)
         if name == "IndexOB":
             table = np.array([0, *(self.indices.get(uid, 0) for uid in event["instances"])], np.float32)
             return table[arrays["instance"]]
@@ -259,7 +259,7 @@ def border_of(render: bpy.types.RenderSettings, size: tuple[int, int]) -> tuple[
 def redraw_soon() -> None:
     """Draw the viewports again when there is something to draw: parts of an image are on their way."""
     if not bpy.app.timers.is_registered(_look):
-        bpy.app.timers.register(_look, first_interval=LOOK_S)
+        bpy.app.timers.register(_look, first_interval=POLL_S)
 
 
 _asked_s, _quiet_until_s = 0.0, 0.0
@@ -270,7 +270,7 @@ def _look() -> float | None:
     global _asked_s, _quiet_until_s
     now = time.monotonic()
     if _asked_s:  # timers run when all is drawn
-        _quiet_until_s, _asked_s = now + max(QUIET_S, QUIET * (now - _asked_s)), 0.0
+        _quiet_until_s, _asked_s = now + max(MIN_PAUSE_S, PAUSE_FACTOR * (now - _asked_s)), 0.0
     viewport = sys.modules.get(f"{__package__}.views")
     views = list(viewport.VIEWS) if viewport is not None else []
     if any(view.news(now > _quiet_until_s) for view in views):
@@ -280,7 +280,7 @@ def _look() -> float | None:
                 for region in area.regions:
                     if region.type == "WINDOW":  # its panels show nothing of this
                         region.tag_redraw()
-    return LOOK_S if any(view.expects for view in views) else None
+    return POLL_S if any(view.expects for view in views) else None
 
 
 CLASSES = (UniSimEngine,)

@@ -21,9 +21,9 @@ from ..registering import Drawing
 from .view_types import looks_through
 from .views import camera_rectangle
 
-MOST = 20
+MAX_DRAWN = 20
 """Objects of either kind whose trajectories or outlines are drawn at once."""
-COLOUR, CHOSEN, ACTIVE = (1.0, 1.0, 1.0, 0.7), (0.95, 0.45, 0.1, 1.0), (1.0, 0.65, 0.25, 1.0)
+COLOUR, CHOSEN_COLOUR, ACTIVE_COLOUR = (1.0, 1.0, 1.0, 0.7), (0.95, 0.45, 0.1, 1.0), (1.0, 0.65, 0.25, 1.0)
 KINDS = ("ACTOR", "BODY")
 
 
@@ -37,8 +37,8 @@ def draw_trails() -> None:
     if not scene.unisim.log or not context.space_data.overlay.show_overlays:
         return
     about = scene.unisim
-    selected = chosen(context, "ACTOR", "EGO")[:MOST] if about.show_ways else []
-    sensors = chosen(context, "CAMERA", "LIDAR")[:MOST] if about.show_sensors else []
+    selected = chosen(context, "ACTOR", "EGO")[:MAX_DRAWN] if about.show_ways else []
+    sensors = chosen(context, "CAMERA", "LIDAR")[:MAX_DRAWN] if about.show_sensors else []
     if not selected and not sensors:
         return
     try:
@@ -108,7 +108,7 @@ def outlines(
             if len(segments):
                 chosen = obj.select_get(view_layer=layer)
                 active = chosen and layer.objects.active == obj
-                boxes.append((segments, ACTIVE if active else CHOSEN if chosen else COLOUR))
+                boxes.append((segments, ACTIVE_COLOUR if active else CHOSEN_COLOUR if chosen else COLOUR))
     return boxes
 
 

@@ -1,4 +1,4 @@
-"""Which kinds of objects each 3D view shows and lets people pick, so that a camera's view is what the camera sees.
+"""Kinds of objects that each 3D view shows and lets people pick, so that a camera's view is what the camera sees.
 
 Through a camera, sensors and the ego vehicle would stand in the image and take clicks that are meant for actors. In
 Rendered shading with the engine UniSim, Blender would draw a camera's background image over the rendered one; a view
@@ -15,18 +15,18 @@ from typing import Any
 import bpy
 
 from ..bridge.importing.backgrounds import background_to_show, sees_recorded_image, show_background
-from ..bridge.objects.ego_bodies import show_bodies, shown_as, to_follow
+from ..bridge.objects.ego_bodies import bodies_differ, show_bodies, shown_as
 from ..bridge.objects.imported import source_of
-from ..bridge.objects.sensors import drawn_tiny, resize_frustums, to_resize
+from ..bridge.objects.sensors import drawn_tiny, frustums_differ, resize_frustums
 from ..bridge.sampling.stepping import frame_of
-from ..bridge.window import areas
+from ..bridge.window import redraw
 from ..core.errors import UnisimError
 from ..registering import Drawing
 
 EMPTIES = ("show_object_viewport_empty", "show_object_select_empty")
 CAMERAS = ("show_object_viewport_camera", "show_object_select_camera")
 SWITCHES = (*EMPTIES, *CAMERAS)
-NOTED = "unisim_hidden"
+HIDDEN_KEY = "unisim_hidden"
 """A screen's custom property: which switches of which views this module has turned off."""
 
 
@@ -109,7 +109,7 @@ def lagging(scene: bpy.types.Scene) -> bool:
     through = cameras_looked_through(scene)
     if scene.camera in through and _behind(scene) is not None and not bpy.app.is_job_running("RENDER"):
         return True
-    return to_follow(scene, shown_as(scene, through)) or to_resize(scene, drawn_tiny(through))
+    return bodies_differ(scene, shown_as(scene, through)) or frustums_differ(scene, drawn_tiny(through))
 
 
 def cameras_looked_through(scene: bpy.types.Scene) -> list[bpy.types.Object | None]:
@@ -141,22 +141,21 @@ def _follow() -> None:
             for switch in off:
                 setattr(space, switch, False)
             noted[index] = off
-        window.screen[NOTED] = {str(index): " ".join(sorted(off)) for index, off in noted.items() if off}
+        window.screen[HIDDEN_KEY] = {str(index): " ".join(sorted(off)) for index, off in noted.items() if off}
     for scene in {window.scene for window in bpy.context.window_manager.windows}:
         through = cameras_looked_through(scene)
-        if to_follow(scene, drawn := shown_as(scene, through)):
+        if bodies_differ(scene, drawn := shown_as(scene, through)):
             show_bodies(scene, drawn, scene.view_layers)
         resize_frustums(scene, drawn_tiny(through))
         if scene.camera in through and not bpy.app.is_job_running("RENDER"):
             path = _behind(scene)
             if path is not None:
                 show_background(scene.camera, path)
-    for area in areas("VIEW_3D"):
-        area.tag_redraw()
+    redraw("VIEW_3D")
 
 
 def _noted(screen: bpy.types.Screen) -> dict[int, set[str]]:
-    noted = screen.get(NOTED)
+    noted = screen.get(HIDDEN_KEY)
     return {int(index): set(text.split()) for index, text in noted.items()} if noted else {}
 
 

@@ -32,13 +32,13 @@ from ..translations import interface, localized
 from .comparison import ViewComparison
 from .options import options_of
 
-COARSE = (8, 4)
+COARSE_STRIDES = (8, 4)
 """The view is shown with one in so many pixels each way before it is finished."""
 GATHER_S = 0.05
-"""For so long a drawing takes in what has come."""
+"""Time limit for taking in arrived parts in one drawing."""
 
 VIEWS: WeakSet[ViewportImage] = WeakSet()
-"""Every viewport's image, as long as it is shown."""
+"""The images of all viewports, as long as they are shown."""
 
 
 @dataclass(eq=False)
@@ -58,7 +58,7 @@ class ViewportImage:
     linear: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 0, 4), np.float32))
     problem: str = ""
     progress: str = ""
-    """How far something is that has to be made before there is an image."""
+    """Progress of what has to be computed before there is an image."""
     warning: str = ""
     """Warning of what the scene's method cannot show."""
     outside: str = ""
@@ -73,7 +73,7 @@ class ViewportImage:
     srgb: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 0, 3), np.uint8))
     """The image in eight bits."""
     unsupported: NDArray[np.bool_] | None = None
-    """Which of its pixels nothing recorded supports, where that was asked for; like the image, its lowest row first."""
+    """Unsupported pixels of the image, where that was asked for; lowest row first, as the image."""
     revision: int = 0
     """Another one whenever the image is."""
     comparison: ViewComparison = field(default_factory=ViewComparison)
@@ -221,7 +221,7 @@ class ViewportImage:
             "camera",
             prepare=partial(view_part, size=(height, width), clip=values["clip"]),
             **values,
-            coarse=COARSE,
+            coarse=COARSE_STRIDES,
             update={"job": self.job, "unfinished": self.unfinished},
         )
         self.fresh = True

@@ -27,7 +27,7 @@ from unisim_bench.report.plots import images
 from unisim_bench.report.tables import markdown, number
 from unisim_bench.run import processor, run_bench
 from unisim_bench.settings import DEFAULT, QUICK, TYPICAL, VARIANTS, Settings, all_methods
-from unisim_bench.state_cost import STEPS, grid, model_actor, with_copies, with_tracks
+from unisim_bench.state_cost import STEPS, copy_places, model_actor, with_copies, with_tracks
 from unisim_blender.core import native
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.geometry import FloatArray, invert_pose, transform_points
@@ -37,7 +37,7 @@ from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
 from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.render.lattice import Region
-from unisim_blender.core.render.quality import QUALITY
+from unisim_blender.core.render.quality import QUALITIES
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenes.recipe import load_backend
 from unisim_blender.core.scenes.scene import open_scene
@@ -86,7 +86,7 @@ def test_every_method_is_measured_in_every_round(metrics: dict[str, Any]) -> Non
         ("lidar", ("median_mm", "p90_mm", "p99_mm", "within_2cm")),
     ):
         rows = rows_by_method(metrics, kind)
-        assert {f"native {name}" for name in QUALITY} | {"torch eager", "torch with kernels"} <= rows.keys()
+        assert {f"native {name}" for name in QUALITIES} | {"torch eager", "torch with kernels"} <= rows.keys()
         for row in rows.values():
             assert len(row["rounds_s"]) == 2 and row["seconds"] > 0 and row["per_second"] == 1 / row["seconds"]
             assert row["samples_per_ray"] > 1 and row["rays_per_second"] > 0
@@ -155,7 +155,7 @@ def test_a_step_of_the_closed_loop_at_every_quality(scene: Path) -> None:
     for entry in entries:
         entry.measurements.append(session.render(entry.request))
     rows = metrics_of([replace(case, entries=entries)])["loop"][0]["entries"]
-    assert [row["quality"] for row in rows] == list(QUALITY)[:2]
+    assert [row["quality"] for row in rows] == list(QUALITIES)[:2]
     for row in rows:
         assert 0 < row["alone_s"] < 100 and 0 < row["step_s"] < 100 and row["of_alone"] > 0 and row["steps"] == 2
         assert 0 < row["world_ms"] < 10_000 and row["actors"] > 0
@@ -242,7 +242,7 @@ def test_an_interruption_leaves_what_was_measured(scene: Path, tmp_path: Path, m
 def test_faults_of_a_process_come_back(scene: Path) -> None:
     with RendererProcess({}) as process:
         assert process.variant() == native.variant()
-        request = RenderRequest(SceneSetup(scene / "nowhere", "front", 2), "front", QUALITY["fast"], 48)
+        request = RenderRequest(SceneSetup(scene / "nowhere", "front", 2), "front", QUALITIES["fast"], 48)
         with pytest.raises(SceneError, match="nowhere"):
             process.render(request)
         process._process.kill()
@@ -257,9 +257,9 @@ def test_a_request_renders_what_the_renderer_gives(scene: Path) -> None:
     drive = read_scene_header(scene).drive
     renderer = DriveFrames(Renderer(load_backend(open_scene(scene), quality="fine")), drive)
     region = Region(5, 3, 21, 13)
-    request = RenderRequest(SceneSetup(scene, "front", 2), "front", QUALITY["fine"], 48, (region,))
+    request = RenderRequest(SceneSetup(scene, "front", 2), "front", QUALITIES["fine"], 48, (region,))
     session = RenderSession()
-    session.render(replace(request, quality=QUALITY["fast"]))
+    session.render(replace(request, quality=QUALITIES["fast"]))
     expected = renderer.camera("front", 2, width=48)
     for whole in (True, False):
         measurement = session.render(replace(request, whole=whole))
@@ -381,8 +381,8 @@ def test_copies_stand_in_view_through_a_lens(lens: Lens) -> None:
 
 
 def test_a_grid_has_its_nearest_places_first() -> None:
-    places = grid(30, 0.5)
-    assert places[0].tolist() == [8, 0] and places.shape == (30, 2) and grid(0, 0.5).shape == (0, 2)
+    places = copy_places(30, 0.5)
+    assert places[0].tolist() == [8, 0] and places.shape == (30, 2) and copy_places(0, 0.5).shape == (0, 2)
     assert (np.diff(places[:, 0]) >= 0).all() and (np.abs(places[:, 1]) <= 0.5 * places[:, 0]).all()
 
 
@@ -397,7 +397,11 @@ def test_the_middle_car_is_copied() -> None:
 def test_methods_are_told_once() -> None:
     variants = {DEFAULT: "avx2", "portable": "portable", "avx2": "avx2", "avx512": "avx2"}
     names = [method.name for method in all_methods(variants, 2, torch=False)]
-    assert names == [*(f"native {name}" for name in QUALITY), "native balanced, 1 thread", "native balanced, portable"]
+    assert names == [
+        *(f"native {name}" for name in QUALITIES),
+        "native balanced, 1 thread",
+        "native balanced, portable",
+    ]
     with_torch = all_methods(variants, 1, torch=True)
     assert not any("thread" in method.name for method in with_torch)
     assert [method.variant for method in with_torch if method.tracer == "torch"] == ["avx2", "torch"]

@@ -23,7 +23,13 @@ from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.evaluation.comparison import methods
 from unisim_blender.core.evaluation.comparison.measure import cases_of
 from unisim_blender.core.evaluation.comparison.methods import METHODS, USUAL, CompareOptions, Method, methods_named
-from unisim_blender.core.evaluation.comparison.page import Column, ReportTable, cells_of, markdown, tables_of
+from unisim_blender.core.evaluation.comparison.page import (
+    Column,
+    ReportTable,
+    comparison_markdown,
+    table_cells,
+    tables_of,
+)
 from unisim_blender.core.evaluation.comparison.renderers import make_renderer
 from unisim_blender.core.evaluation.ground_truth import CachedTruth, known_log
 from unisim_blender.core.evaluation.perceptual import Inception, frechet_distance
@@ -242,13 +248,13 @@ def test_columns_and_their_best() -> None:
         "y": {"title": "Y", "a": 1.02, "b": {"c": 0.25}},
         "z": {"title": "Z", "a": None},
     }
-    headings, cells = cells_of(table, rows)
+    headings, cells = table_cells(table, rows)
     assert headings == ["up", "down"], "a column in which no row has a figure is left out"
     # equal as printed is equal
     assert [(c.text, c.best) for c in cells["x"]] == [("1.0", True), ("50", False)]
     assert [(c.text, c.best) for c in cells["y"]] == [("1.0", True), ("25", True)]
     assert [(c.text, c.best) for c in cells["z"]] == [("", False), ("", False)]
-    assert "| Y | **1.0** | **25** |" in markdown("M", "about", [table], rows)
+    assert "| Y | **1.0** | **25** |" in comparison_markdown("M", "about", [table], rows)
     titles = [t.title for t in tables_of({"replay": False, "removal": False, "shift-2m": True})]
     assert len(titles) == 5 and titles[1].startswith("removal") and titles[2].startswith("shift-2m")
 

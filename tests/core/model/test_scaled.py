@@ -35,7 +35,7 @@ from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.output.frame_files import moment_labels
 from unisim_blender.core.presets import preset
-from unisim_blender.core.render.quality import QUALITY
+from unisim_blender.core.render.quality import QUALITIES
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.render.tracers.surfels.model import SurfelSet
@@ -219,7 +219,7 @@ def test_normals_go_through_the_inverse_of_the_scale() -> None:
     actor = scaled(still("car", [-13, 0, 1.6], [3.0, 3.0, 3.0], yaw=0.5), 1.5, 1.0, 0.6)
     scene = Stage(analytic_scene(empty, {"car": (sphere([0, 0, 0], 1.2), np.full(3, 3.0))}), drive_of([actor]))
     rays = image_rays(scene.drive, up=1).flat()
-    tracer = bound_to(TorchBackend(scene.as_scene(), QUALITY["reference"]), scene.drive)
+    tracer = bound_to(TorchBackend(scene.as_scene(), QUALITIES["reference"]), scene.drive)
     maps = tracer.trace(rays, PASSES, True, None, RenderStats()).maps
     mine = maps["instance"] == 1
     assert mine.sum() > 60
@@ -301,9 +301,9 @@ def test_the_kernels_say_what_torch_says(tmp_path: Path, name: str) -> None:
     drive = drive_of(CARS)
     folder = saved(tmp_path / "scene", CONFIGS[name])
     rays = image_rays(drive)
-    compiled = bound_to(CompiledBackend(CompiledScene(folder), QUALITY["reference"]), drive)
+    compiled = bound_to(CompiledBackend(CompiledScene(folder), QUALITIES["reference"]), drive)
     fast = compiled.trace(rays, PASSES, True, None, RenderStats())
-    slow = bound_to(TorchBackend(load_scene(folder), QUALITY["reference"]), drive).trace(
+    slow = bound_to(TorchBackend(load_scene(folder), QUALITIES["reference"]), drive).trace(
         rays, PASSES, True, None, RenderStats()
     )
     assert {1, 2, 3} <= set(np.unique(slow.maps["instance"]))
@@ -341,7 +341,7 @@ def test_surfaces_are_followed_alike_whatever_the_scale(tmp_path: Path, quality:
             towards(centre, centre + k * np.array([-5.0, 1.5, 1.0]), k * np.array([1.8, 0.9, 0.7])),
             RenderStats(),
         )
-        tracer = bound_to(CompiledBackend(scene, QUALITY[quality]), drive_of([actor]))
+        tracer = bound_to(CompiledBackend(scene, QUALITIES[quality]), drive_of([actor]))
         found.append(tracer.trace(rays, {"depth", "instance", "normal"}, False, None, stats))
         spent.append(stats.samples_spent)
     mine = (found[0].maps["instance"] == 1) & (found[1].maps["instance"] == 1)
@@ -357,7 +357,7 @@ def test_marching_meets_the_surface_that_dense_samples_meet(tmp_path: Path, fact
     folder, centre = alone(tmp_path / "scene"), np.array([-8.0, 1, 0.8])
     actor = scaled(still("car", centre, SIZE, yaw=0.4), *factors)
     drive, rays = drive_of([actor]), towards(centre, centre + [-9.0, 2.0, 1.0], 0.4 * actor.size_m)
-    slow = bound_to(TorchBackend(load_scene(folder), QUALITY["reference"]), drive)
+    slow = bound_to(TorchBackend(load_scene(folder), QUALITIES["reference"]), drive)
     slow.quality = replace(slow.quality, samples=8.0)
     fast = bound_to(CompiledBackend(CompiledScene(folder)), drive)
     ours, theirs = (tracer.trace(rays, {"depth", "instance"}, False, None, RenderStats()) for tracer in (fast, slow))
@@ -377,7 +377,7 @@ def test_the_kernels_leave_who_is_not_scaled(tmp_path: Path) -> None:
         drive_of([scaled(plain[0], 1.0, 1.0, 1.0), *plain[1:]]),
     )
     found = [
-        bound_to(CompiledBackend(CompiledScene(folder), QUALITY[quality]), drive).trace(
+        bound_to(CompiledBackend(CompiledScene(folder), QUALITIES[quality]), drive).trace(
             image_rays(drive), PASSES, True, None, RenderStats()
         )
         for quality in ("balanced", "reference")

@@ -26,7 +26,7 @@ from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.training.checkpoint import load_checkpoint, save_checkpoint
 from unisim_blender.core.training.config import TrainConfig
-from unisim_blender.core.training.export import finish
+from unisim_blender.core.training.export import write_scene
 from unisim_blender.core.training.trainer import Trainer
 from unisim_blender.core.world.drive import Appearance
 
@@ -104,7 +104,7 @@ def test_a_training_keeps_to_its_device(tmp_path: Path, plain: pytest.MonkeyPatc
     )  # fmt: skip
     trainer = Trainer(log, config)
     wanted = [trainer.step() for _ in range(3)]
-    finish(trainer, tmp_path / "here")
+    write_scene(trainer, tmp_path / "here")
     with pretended_gpu(plain):
         other = Trainer(log, dataclasses.replace(config, device=str(DEVICE)))
         assert all(isinstance(p, Pretended) for p in other.model.parameters())
@@ -113,7 +113,7 @@ def test_a_training_keeps_to_its_device(tmp_path: Path, plain: pytest.MonkeyPatc
         other = Trainer(log, dataclasses.replace(config, device=str(DEVICE)))
         load_checkpoint(tmp_path / "kept", other)
         got += [other.step()]
-        finish(other, tmp_path / "there")
+        write_scene(other, tmp_path / "there")
     for a, b in zip(got, wanted, strict=True):
         assert a == pytest.approx(b, rel=2e-3, abs=1e-4)
     here, there = load_scene(tmp_path / "here"), load_scene(tmp_path / "there")

@@ -8,7 +8,7 @@ import numpy as np
 from tiny_drive import tiny_drive
 
 from unisim_blender.core.geometry import FloatArray, Trajectory
-from unisim_blender.core.render.contact_shadow import DARKEST, NOTHING_M, shaded
+from unisim_blender.core.render.contact_shadow import MAX_DARKENING, SHADOW_CUTOFF_M, shaded
 
 CAR = replace(
     tiny_drive().actors["car"],
@@ -26,8 +26,8 @@ def test_dark_under_the_body_and_nothing_far_away() -> None:
     out = shaded(GREY, GROUND, EVERYWHERE, [CAR], 0.0)
     linear = (out[32, 32, 0] + 0.055) / 1.055
     lit = ((0.5 + 0.055) / 1.055) ** 2.4
-    assert abs(linear**2.4 / lit - (1 - DARKEST)) < 0.01
-    far = np.hypot(X, Y) > np.hypot(*CAR.size_m[:2]) / 2 + NOTHING_M
+    assert abs(linear**2.4 / lit - (1 - MAX_DARKENING)) < 0.01
+    far = np.hypot(X, Y) > np.hypot(*CAR.size_m[:2]) / 2 + SHADOW_CUTOFF_M
     assert np.abs(out[far] - 0.5).max() < 0.003
     # it follows the turned body: further along it than across it
     ahead, left = np.array([np.cos(0.6), np.sin(0.6)]), np.array([-np.sin(0.6), np.cos(0.6)])

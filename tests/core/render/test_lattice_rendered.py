@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from unisim_blender.core import native
 from unisim_blender.core.render.lattice import Region
-from unisim_blender.core.render.quality import QUALITY
+from unisim_blender.core.render.quality import QUALITIES
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
@@ -71,7 +71,7 @@ def busy(scene: CompiledScene, tmp_path_factory: pytest.TempPathFactory) -> Driv
 
 
 def renderer(scene: CompiledScene, drive: Drive, lattice: int, shadows: bool = False) -> DriveFrames:
-    backend = CompiledBackend(scene, replace(QUALITY["balanced"], lattice=lattice), {"other": scene})
+    backend = CompiledBackend(scene, replace(QUALITIES["balanced"], lattice=lattice), {"other": scene})
     return DriveFrames(Renderer(backend, shadows), drive)
 
 

@@ -18,7 +18,7 @@ from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.presets import preset
-from unisim_blender.core.render.quality import QUALITY
+from unisim_blender.core.render.quality import QUALITIES
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.render.tracers.torch.segments import _median, _mirrored
@@ -96,8 +96,8 @@ def test_kernels_and_torch_light_an_actor_from_one_place(tmp_path: Path, quality
     folder = make_scene(tmp_path / "scene", drive_of([long]), lit_a_lot)
     drive = drive_of([long])
     rays = image_rays(drive)
-    fast = bound_to(CompiledBackend(CompiledScene(folder), QUALITY[quality]), drive)
-    slow = bound_to(TorchBackend(load_scene(folder), QUALITY["reference"]), drive)
+    fast = bound_to(CompiledBackend(CompiledScene(folder), QUALITIES[quality]), drive)
+    slow = bound_to(TorchBackend(load_scene(folder), QUALITIES["reference"]), drive)
     found, wanted = (t.trace(rays, {"instance"}, True, None, RenderStats()) for t in (fast, slow))
     actor = (found.maps["instance"] == 1) & (wanted.maps["instance"] == 1)
     assert actor.sum() > 100

@@ -22,7 +22,7 @@ from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.render.bounded import BoundedRenderer, Patches, at_quality, colour_errors
-from unisim_blender.core.render.quality import LADDER, TRUTH
+from unisim_blender.core.render.quality import ERROR_BOUND_QUALITIES, TRUTH_QUALITY
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
 from unisim_blender.core.scenes.recipe import load_backend
@@ -152,7 +152,7 @@ def test_the_samples_rays_have_the_frames_bits(street: DriveFrames) -> None:
     patches = Patches(street.renderer, street.captures, "front_camera", 96)
     units = np.random.default_rng(1).choice(96 * 54, 300, False)
     image = street.camera("front_camera", 9, width=96)
-    found = patches.rendered(Capture.of_frame(patches.camera, 9), units, LADDER["balanced"])
+    found = patches.rendered(Capture.of_frame(patches.camera, 9), units, ERROR_BOUND_QUALITIES["balanced"])
     assert np.array_equal(found, patches.shown(image.rgb, units))
 
 
@@ -160,7 +160,7 @@ def test_the_samples_rays_have_the_frames_bits(street: DriveFrames) -> None:
 def test_the_sample_street_keeps_what_it_promises(street: DriveFrames) -> None:
     """Every promise of a frame, held against the whole of it; what all settings keep is kept by the cheapest, and what
     none can keep is said not to be."""
-    with at_quality(street.renderer, TRUTH):
+    with at_quality(street.renderer, TRUTH_QUALITY):
         truths = street.camera("front_camera", 13, width=64), street.lidar("pandar64", 13)
     bounded = BoundedRenderer(street.renderer, street.captures, ())
     used = {}
@@ -178,7 +178,7 @@ def test_the_sample_street_keeps_what_it_promises(street: DriveFrames) -> None:
         used[str(bound)] = found.error_bound.settings
     assert used["20dB"] == used["500mm"] == "fast"
     assert "fast" not in (used["38dB"], used["0.1mm"])
-    assert used["90dB"] == used["0.00001mm"] == list(LADDER)[-1]
+    assert used["90dB"] == used["0.00001mm"] == list(ERROR_BOUND_QUALITIES)[-1]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -190,7 +190,7 @@ def test_scenes_of_random_weights_keep_what_they_promise(seed: int, tmp_path: Pa
     camera = drive.cameras["front"]
     assert not renderer.renderer.alone(renderer.state(camera, camera.time_s[2]), camera)
     kept = 0
-    with at_quality(renderer.renderer, TRUTH):
+    with at_quality(renderer.renderer, TRUTH_QUALITY):
         truths = renderer.camera("front", 2), renderer.lidar("top", 2)
     for bound in parse_bounds(["30dB", "3dE", "5mm", "100mm"]):
         bounded = BoundedRenderer(renderer.renderer, renderer.captures, [bound], seed=seed)
@@ -201,7 +201,7 @@ def test_scenes_of_random_weights_keep_what_they_promise(seed: int, tmp_path: Pa
             kept += 1
             assert whole(found, truths[of_depth], bound) <= bound.most, (bound, found.error_bound)
         else:
-            assert found.error_bound.settings == list(LADDER)[-1]
+            assert found.error_bound.settings == list(ERROR_BOUND_QUALITIES)[-1]
     assert kept, "a test of promises needs some"
 
 
@@ -225,9 +225,9 @@ def test_torchs_truth_is_in_single_precision_and_samples_what_is_far(tmp_path: P
 
     counts = {}
     for name, quality in (
-        ("balanced", LADDER["balanced"]),
-        ("truth", TRUTH),
-        ("near", dataclasses.replace(TRUTH, background=1.0)),
+        ("balanced", ERROR_BOUND_QUALITIES["balanced"]),
+        ("truth", TRUTH_QUALITY),
+        ("near", dataclasses.replace(TRUTH_QUALITY, background=1.0)),
     ):
         stats = RenderStats()
         with at_quality(renderer.renderer, quality):
@@ -237,8 +237,8 @@ def test_torchs_truth_is_in_single_precision_and_samples_what_is_far(tmp_path: P
     # a device that decodes in half precision may only where nothing is held against it
     tracer().device = torch.device("cuda")
     assert tracer().half
-    with at_quality(renderer.renderer, TRUTH):
+    with at_quality(renderer.renderer, TRUTH_QUALITY):
         assert not tracer().half
-    with at_quality(renderer.renderer, LADDER["8 times the samples"]):
+    with at_quality(renderer.renderer, ERROR_BOUND_QUALITIES["8 times the samples"]):
         assert not tracer().half
     assert tracer().half

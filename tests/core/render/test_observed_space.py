@@ -17,7 +17,7 @@ from unisim_blender.core.geometry import Trajectory, quaternion_from_matrix, tra
 from unisim_blender.core.render import observed_space
 from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.observed_space import (
-    ELEVATIONS,
+    ELEVATION_CELLS,
     ObservedSpace,
     Observing,
     cache_space,
@@ -76,7 +76,7 @@ def random_space(backend: Observing, seed: int = 0) -> ObservedSpace:
     rng = np.random.default_rng(seed)
     coarse = rng.random([-(-count // 4) for count in shown.shape]) < 0.05
     passed = coarse.repeat(4, 0).repeat(4, 1).repeat(4, 2)[: shown.shape[0], : shown.shape[1], : shown.shape[2]]
-    background = rng.random((ELEVATIONS, 2 * ELEVATIONS)) < 0.5
+    background = rng.random((ELEVATION_CELLS, 2 * ELEVATION_CELLS)) < 0.5
     empty = observed_space._Observing(header, (1, 1, 1), voxel_m)
     return ObservedSpace(empty.volume_from_world, empty.size_m, voxel_m, np.asarray(shown) > 0, passed, background)
 
@@ -249,7 +249,7 @@ def test_gaps_between_rays_are_closed_and_no_more() -> None:
 
 
 def test_directions_go_round() -> None:
-    seen = np.zeros((ELEVATIONS, 2 * ELEVATIONS), bool)
+    seen = np.zeros((ELEVATION_CELLS, 2 * ELEVATION_CELLS), bool)
     behind = np.array([[-1.0, 1e-6, 0.0]])
     seen[direction_parts(behind)] = True
     seen = spread(seen)

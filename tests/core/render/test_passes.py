@@ -13,7 +13,7 @@ from random_scene import CARS, CONFIGS, TINY, edited, saved
 from unisim_blender.core import native
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.output.frame_files import exr_channels
-from unisim_blender.core.render.quality import QUALITY
+from unisim_blender.core.render.quality import QUALITIES
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracer import Backend
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
@@ -78,7 +78,7 @@ def test_the_tracers_passes_are_alike(folders: dict[str, Path], kind: str) -> No
     renderers = []
     for name in TRACERS:
         renderer = Renderer(backend_of(name, folders[kind]))
-        renderer.quality = QUALITY["reference"]
+        renderer.quality = QUALITIES["reference"]
         renderers.append(DriveFrames(renderer, drive))
     a, b = (renderer.camera("front", 2, CAMERA_PASSES) for renderer in renderers)
     for field, within in (("rgb", 2e-4), *((name, 2e-3) for name in sorted(set().union(*FIELDS.values())))):

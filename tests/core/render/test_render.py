@@ -29,7 +29,7 @@ from unisim_blender.core.errors import SceneError
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw, transform_points
 from unisim_blender.core.model.decode import CameraDecoder
 from unisim_blender.core.presets import preset
-from unisim_blender.core.render.quality import QUALITY
+from unisim_blender.core.render.quality import QUALITIES
 from unisim_blender.core.render.tracers.torch import tracer as torch_tracer
 from unisim_blender.core.sensors.bounds import Bounds
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
@@ -175,7 +175,7 @@ def test_equal_frames_have_equal_bytes(stage: Stage) -> None:
 
 
 def test_qualities_spend_more(stage: Stage) -> None:
-    spent = [renderer_of(stage.as_scene(), stage.drive, q).camera("front", 0).stats.samples_spent for q in QUALITY]
+    spent = [renderer_of(stage.as_scene(), stage.drive, q).camera("front", 0).stats.samples_spent for q in QUALITIES]
     assert spent == sorted(spent) and spent[0] < spent[1] < spent[2]
 
 

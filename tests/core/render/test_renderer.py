@@ -13,7 +13,7 @@ from drive_frames import DriveFrames
 from same_frames import assert_same
 
 from unisim_blender.core import native
-from unisim_blender.core.render.quality import QUALITY
+from unisim_blender.core.render.quality import QUALITIES
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracer import Backend, Tracer
 from unisim_blender.core.sensors.frames import CAMERA_PASSES, CameraFrame, LidarFrame
@@ -103,10 +103,10 @@ def test_a_quality_holds_for_the_frames_that_follow(loaded: Mapping[str, Backend
     before = backend.quality
     spent = {}
     for name in ("fast", "reference", "fast", "balanced"):
-        kept.quality = QUALITY[name]
+        kept.quality = QUALITIES[name]
         for what in (first, first, other):
             fresh = Renderer(backend)
-            fresh.quality = QUALITY[name]
+            fresh.quality = QUALITIES[name]
             frame = rendered(kept, what)
             assert_same(frame, rendered(fresh, what))
         spent[name] = frame.stats.samples_spent

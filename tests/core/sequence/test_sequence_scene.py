@@ -28,7 +28,7 @@ from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.scene_file import SceneHeader
 from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.presets import preset
-from unisim_blender.core.render.quality import LADDER
+from unisim_blender.core.render.quality import ERROR_BOUND_QUALITIES
 from unisim_blender.core.scenes.recipe import Loaded, load_backend
 from unisim_blender.core.scenes.scene import OpenScenes
 
@@ -178,7 +178,7 @@ def test_a_bound_that_cannot_be_kept_is_owned_up_to(scenario: Path, tmp_path: Pa
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_bytes())["max_error"]
     assert not manifest["kept"] and manifest["not_kept"] == ["000002: camera/front"]
     promise = manifest["frames"]["000002"]["camera/front"]
-    assert not promise["kept"] and promise["settings"] == list(LADDER)[-1]
+    assert not promise["kept"] and promise["settings"] == list(ERROR_BOUND_QUALITIES)[-1]
 
 
 def test_a_bound_takes_the_place_of_a_quality(scenario: Path, tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.simulation.footprints import between, box_corners, first_contacts, meeting_times, overlap
+from unisim_blender.core.simulation.footprints import between, first_contacts, footprint_corners, meeting_times, overlap
 from unisim_blender.core.simulation.scores.driving import path_through
 from unisim_blender.core.simulation.states import Footprint
 from unisim_blender.core.world.polyline import Polyline
@@ -95,7 +95,7 @@ def test_meeting_times_are_those_at_which_boxes_begin_and_end_to_overlap() -> No
 
 def test_corners_and_boxes_between() -> None:
     footprint = Footprint("a", "Car", 3.0, -2.0, 0.7, 4.0, 1.8, 0.0)
-    assert box_corners(box(3.0, -2.0, 4.0, 1.8, 0.7)) == pytest.approx(footprint.corners, abs=1e-12)
+    assert footprint_corners(box(3.0, -2.0, 4.0, 1.8, 0.7)) == pytest.approx(footprint.corners, abs=1e-12)
     half = between(box(0, 0, 4, 2, 3.0), box(2, 4, 4, 2, -3.0), 0.5)
     assert half == pytest.approx([1, 2, 4, 2, np.pi], abs=1e-12)
 

@@ -11,9 +11,9 @@ import pytest
 from driven_record import record_of, straight, times
 
 from unisim_blender.core.geometry import BoolArray, FloatArray
-from unisim_blender.core.simulation.footprints import box_corners, distances, overlap
+from unisim_blender.core.simulation.footprints import distances, footprint_corners, overlap
 from unisim_blender.core.simulation.scores.record import PlanRecord, Record, RecordError
-from unisim_blender.core.simulation.scores.summary import summarise, table
+from unisim_blender.core.simulation.scores.summary import score_table, summarise
 
 FIVE = times(5.0)
 CAR = (4.0, 2.0)
@@ -88,7 +88,7 @@ def test_the_summary_holds_what_the_scores_say() -> None:
 
 
 def test_the_table_has_a_line_for_each_score() -> None:
-    lines = table(summarise(rich(), occupied=behind_the_car)).splitlines()
+    lines = score_table(summarise(rich(), occupied=behind_the_car)).splitlines()
     text = "\n".join(lines)
     assert "a (Car) front, 10.00 m/s, at fault" in text
     assert "at 3.475 s" in text
@@ -97,13 +97,13 @@ def test_the_table_has_a_line_for_each_score() -> None:
     assert "without drivable_area_compliance" in text
     columns = {line.index(line.strip().split("  ")[-1].strip()) for line in lines}
     assert len(columns) == 1  # values are aligned
-    poor_lines = table(summarise(poor())).splitlines()
+    poor_lines = score_table(summarise(poor())).splitlines()
     assert any(line.startswith("PDMS") and "- (no no_at_fault_collision" in line for line in poor_lines)
 
 
 def test_the_table_of_a_document_read_back_is_the_same() -> None:
     scores = summarise(rich())
-    assert table(json.loads(json.dumps(scores))) == table(scores)
+    assert score_table(json.loads(json.dumps(scores))) == score_table(scores)
 
 
 def test_the_same_record_in_another_place_has_the_same_scores() -> None:
@@ -195,7 +195,7 @@ def test_it_says_what_took_something_off_a_score() -> None:
     assert contact["time_s"] - 1 < close["at_s"] < contact["time_s"] and "comfort" not in terms
     plans = {one["term"]: one for one in scores["hd_score"]["broken"]}
     assert plans["no_collision"]["at_s"] == 0.0 and plans["no_collision"]["by"] == "the plan made then"
-    lines = table(scores).splitlines()
+    lines = score_table(scores).splitlines()
     assert any(line.startswith("  no at fault collision") and line.endswith("(a)") for line in lines)
     assert any(line.startswith("least distance") and "0.00 m at" in line and line.endswith("(a)") for line in lines)
 
@@ -222,7 +222,7 @@ def test_the_least_distance_of_turned_boxes() -> None:
         one, other = (np.array([*rng.uniform(-6, 6, 2), *rng.uniform(0.5, 5, 2), rng.uniform(-4, 4)]) for _ in range(2))
         edges = [
             np.concatenate([p + u * (q - p) for p, q in zip(c, np.roll(c, -1, 0), strict=True)])
-            for c in (box_corners(one), box_corners(other))
+            for c in (footprint_corners(one), footprint_corners(other))
         ]
         sampled = np.sqrt(((edges[0][:, None] - edges[1][None]) ** 2).sum(-1)).min()
         if not overlap(one, other):

@@ -22,7 +22,7 @@ from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.tracklets import Tracklets
 from unisim_blender.core.ops.ray_segments import RayBatch
 from unisim_blender.core.ops.segment_trace import SegmentTrace
-from unisim_blender.core.render.quality import QUALITY, quality_named
+from unisim_blender.core.render.quality import QUALITIES, quality_named
 from unisim_blender.core.render.tracer import TraceResult, active_actors
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend, CompiledTracer
@@ -85,11 +85,11 @@ Tracers = dict[str, CompiledTracer | TorchTracer]
 
 def tracers(folder: Path, drive: Drive, quality: str = "balanced") -> Tracers:
     """The compiled tracer, where it was built, and torch's."""
-    out: Tracers = {"torch": bound_to(TorchBackend(load_scene(folder), QUALITY[quality]), drive)}
+    out: Tracers = {"torch": bound_to(TorchBackend(load_scene(folder), QUALITIES[quality]), drive)}
     if native.library() is not None:
         compiled = bound_to(CompiledBackend(CompiledScene(folder)), drive)
         # torch's very samples: a march has others
-        compiled.quality = dataclasses.replace(QUALITY["reference"], samples=quality_named(quality).samples)
+        compiled.quality = dataclasses.replace(QUALITIES["reference"], samples=quality_named(quality).samples)
         out["compiled"] = compiled
     return out
 

@@ -32,7 +32,7 @@ from unisim_blender.core.training.losses.terms import (
     normal_smoothness,
     perceptual_stand_in,
     sdf_band_loss,
-    shifted,
+    shifted_patches,
     ssim,
 )
 
@@ -323,7 +323,7 @@ def test_shifted_patches_move_sideways_alone() -> None:
     n = 9
     batch = RayBatch(torch.randn(40 * n, 3), F.normalize(torch.randn(40 * n, 3), dim=-1), torch.rand(40 * n).double())
     patch = PatchBatch(batch, torch.zeros(40, dtype=torch.long), torch.zeros(40, 3, 6, 6), rotation, 3)
-    moved = shifted(patch, torch.Generator().manual_seed(1))
+    moved = shifted_patches(patch, torch.Generator().manual_seed(1))
     trajectory = (moved.rays.origins - batch.origins).view(40, n, 3)
     assert torch.equal(moved.rays.directions, batch.directions) and torch.equal(moved.rays.time_s, batch.time_s)
     torch.testing.assert_close(trajectory, trajectory[:, :1].expand(-1, n, -1), atol=1e-5, rtol=0)

@@ -27,7 +27,7 @@ from unisim_blender.core.geometry import (
 )
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.occupancy import BESIDE, FREE, HIT, UNKNOWN
-from unisim_blender.core.model.shapes import MOST_VOXELS, cells_of, check_config, check_sizes
+from unisim_blender.core.model.shapes import MAX_VOXELS, cells_of, check_config, check_sizes
 from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.presets import PRESETS, preset
 from unisim_blender.core.render.renderer import Renderer
@@ -211,8 +211,8 @@ def test_what_is_trained_can_be_read(name: str, metres: float, turn: float, voxe
     volume = Volume.along(drive)
     found = sized(preset(name).model, drive, volume)
     assert found.voxel_m == voxel_m
-    assert math.prod(cells_of(volume.size_m, voxel_m)) <= MOST_VOXELS
-    assert voxel_m == 0.5 or math.prod(cells_of(volume.size_m, voxel_m - 0.05)) > MOST_VOXELS
+    assert math.prod(cells_of(volume.size_m, voxel_m)) <= MAX_VOXELS
+    assert voxel_m == 0.5 or math.prod(cells_of(volume.size_m, voxel_m - 0.05)) > MAX_VOXELS
     check_config(found, "model")
     check_sizes(found, Volume.from_dict(volume.to_dict()), "model")
 

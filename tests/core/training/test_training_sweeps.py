@@ -29,7 +29,7 @@ from unisim_blender.core.training.batches.sweeps import (
     SweepRef,
     SweepWindow,
     all_sweeps_fit,
-    spread_over,
+    first_sweeps,
 )
 from unisim_blender.core.training.loop import train
 from unisim_blender.core.training.seeding import VoxelEvidence, seed_by_evidence, seed_voxels, voxel_evidence
@@ -71,7 +71,7 @@ def test_few_are_read_before_the_first_step_and_begun_by_another_thread() -> Non
     log = LongLog()
     window = window_of(log)
     window.advance(0)
-    first = [CAPTURES[number][1] for number in spread_over(log.drive, CAPTURES)]
+    first = [CAPTURES[number][1] for number in first_sweeps(log.drive, CAPTURES)]
     assert sorted(frame for frame, _ in log.read) == first and len(first) == 12
     here = threading.current_thread().name
     assert all(name == here or name.startswith("sweeps") for _, name in log.read)
@@ -86,11 +86,11 @@ def test_the_first_are_spread_over_the_way_and_not_over_the_time() -> None:
     track = drive.world_from_ego
     along = np.where(np.arange(FRAMES) < 40, 0.0, 50.0 * (np.arange(FRAMES) - 39))
     stands = replace(drive, world_from_ego=replace(track, positions=np.pad(along[:, None], ((0, 0), (0, 2)))))
-    first = spread_over(stands, CAPTURES)
+    first = first_sweeps(stands, CAPTURES)
     assert len(first) == 16 and len([number for number in first if number < 40]) <= 2, "one for every 60 m"
     still = replace(drive, world_from_ego=replace(track, positions=np.zeros((FRAMES, 3))))
-    assert len(spread_over(still, CAPTURES)) == 12
-    assert spread_over(drive, CAPTURES[:3]) == [0, 1, 2]
+    assert len(first_sweeps(still, CAPTURES)) == 12
+    assert first_sweeps(drive, CAPTURES[:3]) == [0, 1, 2]
 
 
 def test_rays_are_those_of_the_sweeps_of_a_step_and_their_weights_make_up_for_the_draw() -> None:

@@ -23,7 +23,7 @@ from unisim_blender.editing.images.comparison import (
     ImagePlacement,
     RecordedImageRequest,
     RecordedImages,
-    Shown,
+    ShownImage,
     difference,
     errors,
     hatched,
@@ -142,7 +142,7 @@ def test_hatching_is_what_each_pixel_says() -> None:
     np.testing.assert_allclose(hatched(image, unsupported), request, atol=1e-6)
 
 
-def wait(images: RecordedImages, request: RecordedImageRequest) -> Shown:
+def wait(images: RecordedImages, request: RecordedImageRequest) -> ShownImage:
     until = time.monotonic() + 20
     while time.monotonic() < until:
         found = images.get(request)

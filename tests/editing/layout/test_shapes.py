@@ -16,7 +16,7 @@ from unisim_blender.editing.layout.shapes import (
     class_colour,
     disc,
 )
-from unisim_blender.editing.layout.speed_graph import BOTTOM, LEFT, RIGHT, WIDTH, Axes
+from unisim_blender.editing.layout.speed_graph import BOTTOM, LEFT, RIGHT, WIDTH, GraphAxes
 
 
 def test_a_box_is_closed_and_its_faces_look_outward() -> None:
@@ -57,5 +57,5 @@ def test_classes_have_colours() -> None:
 
 
 def test_axes_hold_times_and_speeds() -> None:
-    axes = Axes(1.0, 5.0, 20.0)
+    axes = GraphAxes(1.0, 5.0, 20.0)
     assert axes.x(np.array([1.0, 5.0])) == pytest.approx([LEFT, WIDTH - RIGHT]) and axes.y(np.array(0.0)) == BOTTOM

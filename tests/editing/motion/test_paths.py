@@ -8,7 +8,7 @@ import pytest
 from unisim_blender.core.geometry import matrix_from_quaternion, quaternion_from_yaw
 from unisim_blender.editing.motion.keys import (
     HANDLE_LIMIT,
-    Keys,
+    TrajectoryKeys,
     along_line,
     handle_times,
     shifted_keys,
@@ -37,7 +37,7 @@ def test_up_a_slope_its_underside_is_on_the_line() -> None:
 
 def test_standing_still() -> None:
     frames = np.arange(5.0)
-    keys = Keys(frames, np.stack([2 * frames, 0 * frames, 0 * frames], -1), quaternion_from_yaw(0 * frames))
+    keys = TrajectoryKeys(frames, np.stack([2 * frames, 0 * frames, 0 * frames], -1), quaternion_from_yaw(0 * frames))
     found = standing_still(keys, 1.5, 4.5, frames + 3.0)
     assert found.frames.tolist() == [0.0, 1.0, 1.5, 4.5, 5.0, 6.0, 7.0]
     assert found.positions[:, 0].tolist() == [0.0, 2.0, 3.0, 3.0, 4.0, 6.0, 8.0]

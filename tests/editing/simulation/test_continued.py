@@ -17,7 +17,7 @@ from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.core.simulation.world import jumps
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.editing.sampled.source import DriveSource, scene_actors
-from unisim_blender.editing.simulation.continued import Driven, as_driven
+from unisim_blender.editing.simulation.continued import DrivenScenario, as_driven
 
 START_S = 0.8
 CAR, TRUCK = "car-03", "car-02"
@@ -47,7 +47,7 @@ def drive_of(found: Scenario, source: DriveSource) -> Drive:
 
 
 @pytest.fixture
-def driven(source: DriveSource) -> Driven:
+def driven(source: DriveSource) -> DrivenScenario:
     """A rollout in which the vehicle and a car left their paths, and a truck looked like a car."""
     edits = (
         Swap(TRUCK, appearance="car-13"),
@@ -55,7 +55,7 @@ def driven(source: DriveSource) -> Driven:
         Move(CAR, trajectory=keys(source.drive, CAR, -0.3)),
     )
     found = scenario(source, *edits)
-    return Driven(found, drive_of(found, source))
+    return DrivenScenario(found, drive_of(found, source))
 
 
 def read(source: DriveSource, *others: Edit, left_m: float = -0.3) -> Scenario:
@@ -70,7 +70,7 @@ def read(source: DriveSource, *others: Edit, left_m: float = -0.3) -> Scenario:
 
 
 @pytest.mark.parametrize("start_s", [None, START_S])
-def test_what_is_not_edited_is_the_rollouts(source: DriveSource, driven: Driven, start_s: float | None) -> None:
+def test_what_is_not_edited_is_the_rollouts(source: DriveSource, driven: DrivenScenario, start_s: float | None) -> None:
     found = as_driven(read(source), source, driven, start_s)
     assert set(found.edits) == set(driven.scenario.edits)
     again = drive_of(found, source)
@@ -78,13 +78,13 @@ def test_what_is_not_edited_is_the_rollouts(source: DriveSource, driven: Driven,
         assert camera.world_from_camera.content() == driven.drive.cameras[name].world_from_camera.content()
 
 
-def test_an_edit_without_a_start_holds_throughout(source: DriveSource, driven: Driven) -> None:
+def test_an_edit_without_a_start_holds_throughout(source: DriveSource, driven: DrivenScenario) -> None:
     edited = read(source, left_m=1.0)
     found = as_driven(edited, source, driven)
     assert edited.edits[2] in found.edits and driven.scenario.edits[1] in found.edits
 
 
-def test_what_is_moved_jumps_at_the_start(source: DriveSource, driven: Driven) -> None:
+def test_what_is_moved_jumps_at_the_start(source: DriveSource, driven: DrivenScenario) -> None:
     found = drive_of(as_driven(read(source, left_m=1.0), source, driven, START_S), source)
     before, after = driven.drive.actors[CAR].world_from_actor, found.actors[CAR].world_from_actor
     past = before.times_s < START_S - 1e-4
@@ -96,7 +96,7 @@ def test_what_is_moved_jumps_at_the_start(source: DriveSource, driven: Driven) -
     assert found.world_from_ego.content() == driven.drive.world_from_ego.content()
 
 
-def test_the_vehicle_can_be_put_elsewhere(source: DriveSource, driven: Driven) -> None:
+def test_the_vehicle_can_be_put_elsewhere(source: DriveSource, driven: DrivenScenario) -> None:
     edited = read(source)
     moved = replace(edited, edits=(Ego(trajectory=keys(source.drive, "ego", 2.0)), *edited.edits[2:]))
     found = drive_of(as_driven(moved, source, driven, START_S), source)
@@ -108,7 +108,7 @@ def test_the_vehicle_can_be_put_elsewhere(source: DriveSource, driven: Driven) -
     assert late.at(1.5)[1, 3] - early.at(1.5)[1, 3] == pytest.approx(1.5 * 1.5, abs=1e-3)
 
 
-def test_what_is_removed_is_there_until_the_start(source: DriveSource, driven: Driven) -> None:
+def test_what_is_removed_is_there_until_the_start(source: DriveSource, driven: DrivenScenario) -> None:
     """With its appearance, which was an edit, too."""
     edited = scenario(source, *read(source).edits[1:], Remove(TRUCK))
     assert TRUCK not in drive_of(as_driven(edited, source, driven), source).actors
@@ -118,7 +118,7 @@ def test_what_is_removed_is_there_until_the_start(source: DriveSource, driven: D
 
 
 @pytest.mark.parametrize("standing", [True, False])
-def test_what_is_added_is_there_from_the_start_on(source: DriveSource, driven: Driven, standing: bool) -> None:
+def test_what_is_added_is_there_from_the_start_on(source: DriveSource, driven: DrivenScenario, standing: bool) -> None:
     pose = Placement(position=(15.0, 3.0, 0.7), yaw_deg=0.0)
     offset = None if standing else (0.0, 3.0, 0.0)
     new = Duplicate(CAR, "new", **({"pose": pose} if standing else {"offset_m": offset}))

@@ -23,27 +23,31 @@ from ..objects.meshes import scaled_sentence
 from ..objects.trajectories import convert, trajectory_of
 from .carriers.scale import stand
 
-LOOK_S = 0.05
+POLL_S = 0.05
 """Until the next look whether a person has let go of what is dragged."""
-DRAGGING = ("TRANSFORM_OT", "UNISIM_OT_drag")
-"""How the names of operators begin that move objects while a mouse button or a key is held."""
-READING = ("UNISIM_OT_export", "UNISIM_OT_render", "UNISIM_OT_check")
-"""How the names of operators begin that read whole scenes in steps, between which nothing may change."""
-SAID_S = 6.0
-"""How long the status bar shows a sentence."""
+DRAG_OPERATORS = ("TRANSFORM_OT", "UNISIM_OT_drag")
+"""Prefixes of the names of operators that move objects while a mouse button or a key is pressed."""
+READ_OPERATORS = ("UNISIM_OT_export", "UNISIM_OT_render", "UNISIM_OT_check")
+"""Prefixes of the names of operators that read whole scenes in steps, between which nothing may change."""
+STATUS_TEXT_S = 6.0
+"""Duration of a sentence in the status bar."""
 _changed: dict[str, set[str]] = {}
 """Names of objects that were moved since the frame was reached, by scene."""
 _unsettled: set[tuple[str, str]] = set()
 """Scenes and objects whose change is to be completed."""
 _frames: dict[str, float] = {}
 """The frame that each scene was last evaluated at."""
+REST_PROPERTIES = {"location": "rest_location", "rotation_quaternion": "rest_rotation"}
+"""Properties that displace an object, and those that store its displacement before its first key."""
 
 
 def dragging() -> bool:
     """Return whether some window is in the middle of moving something, or of reading a scene."""
     windows = bpy.context.window_manager.windows if bpy.context.window_manager is not None else ()
     return any(
-        operator.bl_idname.startswith(DRAGGING + READING) for window in windows for operator in window.modal_operators
+        operator.bl_idname.startswith(DRAG_OPERATORS + READ_OPERATORS)
+        for window in windows
+        for operator in window.modal_operators
     )
 
 
@@ -53,7 +57,7 @@ def say(sentence: str) -> None:
         window.workspace.status_text_set(sentence)
     if bpy.app.timers.is_registered(_hush):
         bpy.app.timers.unregister(_hush)
-    bpy.app.timers.register(_hush, first_interval=SAID_S)
+    bpy.app.timers.register(_hush, first_interval=STATUS_TEXT_S)
 
 
 def _hush() -> None:
@@ -111,7 +115,7 @@ def _is_resized(obj: bpy.types.Object) -> bool:
 
 def _settle() -> float | None:
     if dragging():
-        return LOOK_S
+        return POLL_S
     said = settle_now()
     if said:
         say(
@@ -185,10 +189,6 @@ def unregister() -> None:
     _frames.clear()
 
 
-CHANNELS = {"location": "rest_location", "rotation_quaternion": "rest_rotation"}
-"""Properties that displace an object, and those that store its displacement before its first key."""
-
-
 def settle(scene: bpy.types.Scene, obj: bpy.types.Object) -> str:
     """Complete a change of an object that rides on a trajectory. Return what it meant as a sentence, "" where
     nothing changed."""
@@ -197,7 +197,7 @@ def settle(scene: bpy.types.Scene, obj: bpy.types.Object) -> str:
     curves = curves_of(obj)
     said = ""
     blended = False
-    for path, rest in CHANNELS.items():
+    for path, rest in REST_PROPERTIES.items():
         keyed = [curve for curve in curves if curve.data_path == path]
         before, now = np.array(getattr(obj.unisim, rest)), np.array(getattr(obj, path))
         if not keyed:
@@ -243,7 +243,7 @@ def keep(scene: bpy.types.Scene, obj: bpy.types.Object, frame: float) -> str:
         return ""
     curves = curves_of(obj)
     changed = False
-    for path in CHANNELS:
+    for path in REST_PROPERTIES:
         keyed = {curve.array_index: curve for curve in curves if curve.data_path == path}
         now, then = np.array(getattr(obj, path)), keyed_values(obj, path, [frame])[0]
         if not keyed or np.abs(now - then).max() <= SAME * max(1.0, float(np.abs(then).max())):

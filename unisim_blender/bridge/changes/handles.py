@@ -18,7 +18,7 @@ from ...editing.sampled.clock import Clock
 from ..objects.animation import curves_of, shown_by_keys
 from ..objects.trajectories import keyed_pose, trajectory_of
 
-SAME_FRAME = 0.02
+FRAME_TOLERANCE = 0.02
 PLACE, TURNS = "location", ("rotation_quaternion", "rotation_euler", "rotation_axis_angle")
 PATHS = (PLACE, "rotation_quaternion")
 """Properties whose keys dragging changes."""
@@ -63,7 +63,10 @@ def displace_at(obj: bpy.types.Object, time_s: float, offset_m: FloatArray, cloc
         ends = [
             end
             for end, low, high in ((first, first, frame), (last, frame, last))
-            if not any(low - SAME_FRAME <= f <= high + SAME_FRAME and abs(f - frame) > SAME_FRAME for f in frames)
+            if not any(
+                low - FRAME_TOLERANCE <= f <= high + FRAME_TOLERANCE and abs(f - frame) > FRAME_TOLERANCE
+                for f in frames
+            )
         ]
         values = [curve.evaluate(f) for f in (*ends, frame)]
         values[-1] += float(apart[index])
@@ -76,7 +79,7 @@ def displace_at(obj: bpy.types.Object, time_s: float, offset_m: FloatArray, cloc
 
 def _nearest(frames: list[float], frame: float) -> float:
     """The frame of a key that is at ``frame`` but for rounding, else that frame."""
-    return next((f for f in frames if abs(f - frame) <= SAME_FRAME), frame)
+    return next((f for f in frames if abs(f - frame) <= FRAME_TOLERANCE), frame)
 
 
 def _curve(obj: bpy.types.Object, index: int) -> bpy.types.FCurve | None:
@@ -97,7 +100,7 @@ class _Keys:
 
 @dataclass
 class TransformSnapshot:
-    """How an object stood before it was dragged: `restore` puts it back, keys and their handles too."""
+    """Location, rotation and keys of an object before it was dragged: `restore` puts it back."""
 
     numbers: dict[str, tuple[float, ...]]
     had_data: bool

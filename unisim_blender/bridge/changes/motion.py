@@ -8,13 +8,16 @@ import bpy
 import numpy as np
 
 from ...core.geometry import FloatArray, matrix_from_quaternion
-from ...editing.motion.keys import Keys, along_line, is_path, shifted_keys, standing_still
+from ...editing.motion.keys import TrajectoryKeys, along_line, is_path, shifted_keys, standing_still
 from ...editing.motion.retiming import later_or_earlier
 from ...editing.sampled.clock import Clock
 from ...editing.texts import Text, series
 from ..objects.animation import add_to_keys, curves_of, keys_of, write_keys
 from ..objects.meshes import size_of
 from ..objects.trajectories import keyed_pose, own_trajectory, ride, settle_on, trajectory_of
+
+MIN_SHIFT = 1e-6
+"""Smaller shifts, in metres or seconds, are none."""
 
 
 def displaced_along(obj: bpy.types.Object, offset_m: Sequence[float]) -> None:
@@ -109,11 +112,7 @@ def stopped(obj: bpy.types.Object, frame: float, seconds: float, clock: Clock) -
         for curve in curves_of(obj):
             if curve.data_path != "hide_viewport":
                 _hold_value(curve, frame, later)
-    write_keys(above, *standing_still(Keys(*keys), frame, float(later(np.array(frame))), later(keys[0])))
-
-
-SAME = 1e-6
-"""Smaller shifts, in metres or seconds, are none."""
+    write_keys(above, *standing_still(TrajectoryKeys(*keys), frame, float(later(np.array(frame))), later(keys[0])))
 
 
 def shift(obj: bpy.types.Object, left_m: float, ahead_m: float, later_s: float, clock: Clock) -> str:
@@ -124,19 +123,19 @@ def shift(obj: bpy.types.Object, left_m: float, ahead_m: float, later_s: float, 
     log and takes its presence along.
     """
     done: list[str] = []
-    if abs(left_m) > SAME:
+    if abs(left_m) > MIN_SHIFT:
         displaced_along(obj, (0.0, left_m, 0.0))
         done.append(
             Text("{length:.2f} m to the left" if left_m > 0 else "{length:.2f} m to the right", length=abs(left_m))
         )
-    if abs(ahead_m) > SAME:
+    if abs(ahead_m) > MIN_SHIFT:
         shift = Text("{length:.2f} m forward" if ahead_m > 0 else "{length:.2f} m backward", length=abs(ahead_m))
         if _along_path(obj, ahead_m, clock):
             done.append(Text("{shift} along its path", shift=shift))
         else:
             displaced_along(obj, (ahead_m, 0.0, 0.0))
             done.append(Text("{shift} along its own axis, as it stands still", shift=shift))
-    if abs(later_s) > SAME:
+    if abs(later_s) > MIN_SHIFT:
         if trajectory_of(obj) is None and not len(curves_of(obj)):
             done.append(Text("at the same times, as it stands there throughout"))
         else:

@@ -10,21 +10,19 @@ import bpy
 
 from ...core.errors import UnisimError
 from ...editing.edits.variants import checked_name
-from ..objects.imported import copy_action, has_drive, title_of
+from ..objects.imported import BOX_PREFIX, copy_action, has_drive, title_of
 from ..objects.trajectories import trajectory_of
-from ..sampling.adjacent_frames import BESIDE
+from ..sampling.adjacent_frames import BESIDE_SCENE
 from ..sampling.edit_list import renamed
 from .carriers.own_object import discard, parked_copy
 
-TAG = "unisim_copied_from"
+COPY_TAG = "unisim_copied_from"
 """A custom property that is there while a scene is copied: the number of what is copied."""
-BOX = "UniSim box "
-"""How the names of boxes' meshes begin: all variants share them."""
 
 
 def variants_of(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
     """Return the scenes of the file that hold the drive of ``scene``, by name."""
-    others = [other for other in bpy.data.scenes if other.name != BESIDE and other.unisim.log == scene.unisim.log]
+    others = [other for other in bpy.data.scenes if other.name != BESIDE_SCENE and other.unisim.log == scene.unisim.log]
     return sorted((other for other in others if has_drive(other)), key=lambda other: other.name)
 
 
@@ -35,19 +33,19 @@ def new_variant(window: bpy.types.Window, scene: bpy.types.Scene, name: str) -> 
     before = set(bpy.data.scenes)
     sources = [*scene.objects, *scene.collection.children_recursive]
     for number, source in enumerate(sources):
-        source[TAG] = number
+        source[COPY_TAG] = number
     try:
         with bpy.context.temp_override(window=window, scene=scene):
             bpy.ops.scene.new(type="FULL_COPY")
     finally:
         for source in sources:
-            del source[TAG]
+            del source[COPY_TAG]
     (variant,) = set(bpy.data.scenes) - before
     pairs = {}
     for copy in (*variant.objects, *variant.collection.children_recursive):
-        if TAG in copy:
-            pairs[sources[copy[TAG]]] = copy
-            del copy[TAG]
+        if COPY_TAG in copy:
+            pairs[sources[copy[COPY_TAG]]] = copy
+            del copy[COPY_TAG]
     objects = {old: new for old, new in pairs.items() if isinstance(old, bpy.types.Object)}
     _keep_ids(objects)
     _own_data(objects)
@@ -119,7 +117,7 @@ def _own_data(objects: dict[bpy.types.Object, bpy.types.Object]) -> None:
                 copy_action(old, new)
         if old.data is None:
             continue
-        if old.type == "MESH" and old.data.name.startswith(BOX):
+        if old.type == "MESH" and old.data.name.startswith(BOX_PREFIX):
             if new.data != old.data:
                 doubled.add(new.data)
                 new.data = old.data

@@ -25,9 +25,9 @@ from ..objects.trajectories import free, local_matrix, ride, set_on_trajectory, 
 from ..sampling.from_keys import sample_steps
 from .backgrounds import set_background
 
-ASIDE = "Not in the drive"
+ASIDE_COLLECTION = "Not in the drive"
 """The collection of what a new file of Blender's brings."""
-DEFAULTS = {"Cube": (0.0, 0.0, 0.0), "Light": (4.0762, 1.0055, 5.9039), "Camera": (7.3589, -6.9258, 4.9583)}
+DEFAULT_OBJECTS = {"Cube": (0.0, 0.0, 0.0), "Light": (4.0762, 1.0055, 5.9039), "Camera": (7.3589, -6.9258, 4.9583)}
 """Names and places of Blender's default objects."""
 
 
@@ -113,7 +113,7 @@ def set_aside(scene: bpy.types.Scene) -> None:
     defaults = [obj for obj in scene.objects if obj.unisim.kind == "NONE" and is_default(obj)]
     if not defaults:
         return
-    aside = bpy.data.collections.new(ASIDE)
+    aside = bpy.data.collections.new(ASIDE_COLLECTION)
     scene.collection.children.link(aside)
     for obj in defaults:
         for collection in obj.users_collection:
@@ -126,7 +126,7 @@ def set_aside(scene: bpy.types.Scene) -> None:
 
 def is_default(obj: bpy.types.Object) -> bool:
     """Return whether an object is one of those that a new file of Blender's has, as they were."""
-    at = DEFAULTS.get(obj.name)
+    at = DEFAULT_OBJECTS.get(obj.name)
     plain = obj.parent is None and obj.animation_data is None and not obj.modifiers and not obj.constraints
     return at is not None and plain and all(abs(a - b) < 1e-3 for a, b in zip(obj.location, at, strict=True))
 

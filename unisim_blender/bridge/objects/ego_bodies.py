@@ -13,9 +13,9 @@ from ...core.geometry import FloatArray
 from .imported import collection_of, imported_objects, sees_body
 from .meshes import make_actor, size_of
 
-REAR_M = 1.0
-"""How far behind the vehicle's origin, which is about its rear axle, a body ends."""
-NOTED = "unisim_shown_as"
+REAR_OVERHANG_M = 1.0
+"""Distance from the vehicle's origin, which is about its rear axle, to the rear end of a body."""
+DISPLAY_KEY = "unisim_shown_as"
 """A custom property of what is hidden or drawn as a box here: how it was drawn before."""
 
 
@@ -25,7 +25,7 @@ def make_body(
     """Let objects be one body of the ego vehicle, the others parented to the last. Return that one.
 
     ``forward`` is a key of `meshes.FORWARD`, or "AUTO". ``on_vehicle`` puts it there: pointing ahead, its
-    underside at the height of the vehicle's origin, its rear `REAR_M` behind that; without it the body stays where it
+    underside at the height of the vehicle's origin, its rear `REAR_OVERHANG_M` behind that; without it the body stays where it
     stands at this frame.
     """
     ego, body = next(imported_objects(scene, "EGO")), objects[-1]
@@ -39,7 +39,7 @@ def make_body(
     if on_vehicle:
         size = size_of(body)
         mount = np.eye(4)
-        mount[:3, 3] = size[0] / 2 - REAR_M, 0.0, size[2] / 2
+        mount[:3, 3] = size[0] / 2 - REAR_OVERHANG_M, 0.0, size[2] / 2
     else:
         mount = np.array(ego.matrix_world.inverted() @ body.matrix_world, float)
     for collection in list(body.users_collection):
@@ -76,9 +76,9 @@ def shown_as(scene: bpy.types.Scene, through: Iterable[bpy.types.Object | None])
     return "SHOWN" if all(sights) else "BOUNDS" if any(sights) else "HIDDEN"
 
 
-def to_follow(scene: bpy.types.Scene, wanted: str) -> bool:
+def bodies_differ(scene: bpy.types.Scene, wanted: str) -> bool:
     """Return whether some body is not drawn as ``wanted``."""
-    return any(body.get(NOTED, "SHOWN").partition(" ")[0] != wanted for body in imported_objects(scene, "BODY"))
+    return any(body.get(DISPLAY_KEY, "SHOWN").partition(" ")[0] != wanted for body in imported_objects(scene, "BODY"))
 
 
 def show_bodies(scene: bpy.types.Scene, wanted: str, layers: Iterable[bpy.types.ViewLayer]) -> None:
@@ -91,7 +91,7 @@ def show_bodies(scene: bpy.types.Scene, wanted: str, layers: Iterable[bpy.types.
 def _show(body: bpy.types.Object, wanted: str, layer: bpy.types.ViewLayer) -> None:
     """Hide a body and its parts, or draw them as boxes, or as they were drawn before."""
     for part in (body, *body.children_recursive):
-        now, _, before = part.get(NOTED, "SHOWN").partition(" ")
+        now, _, before = part.get(DISPLAY_KEY, "SHOWN").partition(" ")
         if now == "SHOWN":
             before = part.display_type
         if part.name in layer.objects:
@@ -102,7 +102,7 @@ def _show(body: bpy.types.Object, wanted: str, layer: bpy.types.ViewLayer) -> No
         if wanted == "SHOWN":
             if now != "SHOWN":
                 part.display_type = before
-                del part[NOTED]
+                del part[DISPLAY_KEY]
         else:
             part.display_type = "BOUNDS" if wanted == "BOUNDS" else before
-            part[NOTED] = f"{wanted} {before}"
+            part[DISPLAY_KEY] = f"{wanted} {before}"

@@ -22,9 +22,12 @@ COLLECTIONS = {
     "POINTS": "LiDAR points",
     "TRAJECTORY": "Trajectories", "BODY": "Ego",
 }  # fmt: skip
-ROOT = "UniSim"
+ROOT_COLLECTION = "UniSim"
 KINDS_OF_DRIVE = ("EGO", "CAMERA", "LIDAR", "ACTOR", "STATIC", "BODY")
 """Kinds of objects that a scenario is read from."""
+STATIC_LABEL = "Static item"
+BOX_PREFIX = "UniSim box "
+"""Prefix of the names of boxes' meshes, which all variants share."""
 
 
 def imported_objects(scene: bpy.types.Scene, *kinds: str) -> Iterator[bpy.types.Object]:
@@ -72,7 +75,7 @@ def has_drive(scene: bpy.types.Scene) -> bool:
 
 def collection_of(scene: bpy.types.Scene, kind: str) -> bpy.types.Collection:
     """The collection for a kind of object, made where it is not there yet. Each scene has its own."""
-    root = _child(scene.collection, ROOT)
+    root = _child(scene.collection, ROOT_COLLECTION)
     return _child(root, COLLECTIONS[kind])
 
 
@@ -148,7 +151,7 @@ def new_actor(name: str, actor: Actor) -> bpy.types.Object:
 def box_mesh(size_m: FloatArray, label: str) -> bpy.types.Mesh:
     """A box of that size (3,) about the origin, with an arrow on its roof that points forward; one mesh for all
     alike."""
-    name = "UniSim box " + " ".join(f"{s:.3f}" for s in size_m) + f" {label}"
+    name = BOX_PREFIX + " ".join(f"{s:.3f}" for s in size_m) + f" {label}"
     existing = bpy.data.meshes.get(name)
     if existing is not None:
         return existing
@@ -205,9 +208,6 @@ def _copy_parts(context: bpy.types.Context, source: bpy.types.Object, copy: bpy.
         part.parent = copy
         part.matrix_parent_inverse = child.matrix_parent_inverse  # setting the parent forgets it
         _copy_parts(context, child, part)
-
-
-STATIC_LABEL = "Static item"
 
 
 def mark_static(scene: bpy.types.Scene, pose: FloatArray, size_m: FloatArray, uid: str = "") -> bpy.types.Object:

@@ -24,12 +24,14 @@ from ...editing.texts import Text
 from .trajectories import trajectory_of
 
 SHAPES = ("MESH", "CURVE", "SURFACE", "META", "FONT")
-MOST_TEXELS = 2048
+MAX_TEXTURE_EDGE = 2048
 """Larger textures are thinned."""
-MOST_TEXTURES = 32
-"""How many of Blender's images are kept as core has them."""
-PLAIN = 0.8
+MAX_TEXTURES = 32
+"""Number of Blender's images that are cached as core has them."""
+DEFAULT_ALBEDO = 0.8
 """Linear albedo of surfaces that have neither material nor colours."""
+FORWARD = {"X": (1.0, 0.0), "-X": (-1.0, 0.0), "Y": (0.0, 1.0), "-Y": (0.0, -1.0)}
+"""Directions in the world's plane."""
 
 
 def parts(obj: bpy.types.Object) -> Iterator[bpy.types.Object]:
@@ -68,13 +70,13 @@ def mesh_model_of(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tupl
 
 
 def size_of(obj: bpy.types.Object) -> FloatArray:
-    """How large an object is drawn (3,) along its own axes, as it was evaluated last; of an actor that is a mesh,
-    with all its parts."""
+    """Return the size (3,) of an object as it is drawn, in metres along its own axes, as it was evaluated last; of an
+    actor that is a mesh, with all its parts."""
     return extent_of(obj) * (1.0 if obj.unisim.mesh else np.array(scale_of(obj)))
 
 
 def scale_of(obj: bpy.types.Object) -> Factors:
-    """How much larger an object is drawn along its own axes (3,) than its data is, as it was evaluated last."""
+    """Return an object's scale (3,) along its own axes, beside its data, as it was evaluated last."""
     world = np.array(obj.matrix_world, float)[None]
     return scaling_of(world, rigid(world)).factors
 
@@ -154,7 +156,7 @@ def _piece(mesh: bpy.types.Mesh, whole: FloatArray, textures: list[NDArray[np.ui
             continue
         base, base_image, painted = surface_of(material)
         attribute = mesh.color_attributes.active_color if painted else None
-        colours[mine] = PLAIN if material is None and attribute is None else base
+        colours[mine] = DEFAULT_ALBEDO if material is None and attribute is None else base
         if attribute is not None:
             at = faces if attribute.domain == "POINT" else loops
             colours[mine] *= _got(attribute.data, "color", 4)[at[mine]][..., :3]
@@ -191,11 +193,11 @@ def pixels_of(image: bpy.types.Image) -> NDArray[np.uint8]:
         width, height = image.size
         values = np.empty(width * height * image.channels, np.float32)
         image.pixels.foreach_get(values)
-        step = -(-max(width, height) // MOST_TEXELS) or 1
+        step = -(-max(width, height) // MAX_TEXTURE_EDGE) or 1
         shown = values.reshape(height, width, image.channels)[::-step, ::step]
         shown = np.repeat(shown, 3, -1) if image.channels == 1 else shown[..., :3]
         pixels = bytes_from_srgb(srgb_from_linear(shown) if image.is_float else shown)
-        if len(_textures) >= MOST_TEXTURES:
+        if len(_textures) >= MAX_TEXTURES:
             _textures.clear()
         _textures[key] = pixels
     return pixels
@@ -220,10 +222,6 @@ def _got(collection: Any, name: str, width: int, kind: type = np.float32) -> NDA
     values: NDArray[Any] = np.empty(len(collection) * width, kind)
     collection.foreach_get(name, values)
     return values.reshape(-1, width)
-
-
-FORWARD = {"X": (1.0, 0.0), "-X": (-1.0, 0.0), "Y": (0.0, 1.0), "-Y": (0.0, -1.0)}
-"""Directions in the world's plane."""
 
 
 def make_actor(obj: bpy.types.Object, label: str, forward: str) -> None:

@@ -20,6 +20,12 @@ from ...editing.sensors.mounts import AHEAD, angles, turned_to
 from .animation import curves_of
 from .imported import imported_objects
 
+ROTATION_PATHS = ("rotation_quaternion", "rotation_euler", "rotation_axis_angle")
+MIN_DISPLAY_SIZE_M = 0.01
+"""The smallest size that Blender draws."""
+DISPLAY_SIZE_KEY = "unisim_display_size"
+"""A camera's custom property: the size to go back to, in metres."""
+
 
 def set_model(obj: bpy.types.Object, model: CameraModel) -> None:
     """Give a camera object an exact model."""
@@ -48,9 +54,6 @@ def camera_model_of(obj: bpy.types.Object, size: tuple[int, int] | None = None) 
     return model_of_lens(lens, size, exact)
 
 
-ROTATIONS = ("rotation_quaternion", "rotation_euler", "rotation_axis_angle")
-
-
 def direction_of(obj: bpy.types.Object) -> tuple[float, float]:
     """Return a sensor's yaw (to the left) and pitch (up) in radians, in the axes of `base_of`."""
     ahead = base_of(obj).T @ _turn(obj) @ np.array(AHEAD[obj.unisim.kind])
@@ -75,17 +78,11 @@ def aim(obj: bpy.types.Object, yaw_rad: float, pitch_rad: float) -> None:
 
 def is_keyed(obj: bpy.types.Object) -> bool:
     """Return whether keys turn a sensor on its mount, so that turning it by hand would not last."""
-    return any(curve.data_path in ROTATIONS for curve in curves_of(obj))
+    return any(curve.data_path in ROTATION_PATHS for curve in curves_of(obj))
 
 
 def _turn(obj: bpy.types.Object) -> FloatArray:
     return rigid(np.array(obj.matrix_world, float))[:3, :3]
-
-
-TINY_M = 0.01
-"""The smallest size that Blender draws."""
-NOTED = "unisim_display_size"
-"""A camera's custom property: the size to go back to, in metres."""
 
 
 def drawn_tiny(through: Iterable[bpy.types.Object | None]) -> bool:
@@ -93,19 +90,19 @@ def drawn_tiny(through: Iterable[bpy.types.Object | None]) -> bool:
     return any(camera is not None and camera.unisim.kind == "CAMERA" for camera in through)
 
 
-def to_resize(scene: bpy.types.Scene, tiny: bool) -> bool:
+def frustums_differ(scene: bpy.types.Scene, tiny: bool) -> bool:
     """Return whether the frustum of some camera has another size than it is to have."""
-    return any((NOTED in camera) != tiny for camera in _cameras(scene))
+    return any((DISPLAY_SIZE_KEY in camera) != tiny for camera in _cameras(scene))
 
 
 def resize_frustums(scene: bpy.types.Scene, tiny: bool) -> None:
     """Draw the frustums of all cameras of the vehicle tiny, or as large as before."""
     for camera in _cameras(scene):
-        if tiny and NOTED not in camera:
-            camera[NOTED], camera.display_size = camera.display_size, TINY_M
-        elif not tiny and NOTED in camera:
-            camera.display_size = camera[NOTED]
-            del camera[NOTED]
+        if tiny and DISPLAY_SIZE_KEY not in camera:
+            camera[DISPLAY_SIZE_KEY], camera.display_size = camera.display_size, MIN_DISPLAY_SIZE_M
+        elif not tiny and DISPLAY_SIZE_KEY in camera:
+            camera.display_size = camera[DISPLAY_SIZE_KEY]
+            del camera[DISPLAY_SIZE_KEY]
 
 
 def _cameras(scene: bpy.types.Scene) -> Iterator[bpy.types.Camera]:

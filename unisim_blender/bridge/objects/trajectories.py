@@ -15,15 +15,15 @@ from ...core.geometry import FloatArray
 from .animation import curves_of, keyed_values, keys_of, move_curves, remove_curves, write_keys
 from .imported import collection_of
 
-KIND = "TRAJECTORY"
-PATHS = ("location", "rotation_quaternion", "rotation_euler")
+TRAJECTORY_KIND = "TRAJECTORY"
+DISPLACEMENT_PATHS = ("location", "rotation_quaternion", "rotation_euler")
 """Data paths of the animation that moves an object on its trajectory."""
 
 
 def trajectory_of(obj: bpy.types.Object) -> bpy.types.Object | None:
     """Return the parent that carries the keys of ``obj``; None where it has none."""
     above = obj.parent
-    return above if above is not None and above.unisim.kind == KIND else None
+    return above if above is not None and above.unisim.kind == TRAJECTORY_KIND else None
 
 
 def ride(obj: bpy.types.Object, on: bpy.types.Object | None = None) -> bpy.types.Object:
@@ -73,7 +73,7 @@ def remove(obj: bpy.types.Object) -> None:
 
 def settle_on(obj: bpy.types.Object) -> None:
     """Put ``obj`` onto its trajectory without any displacement."""
-    remove_curves(obj, *PATHS)
+    remove_curves(obj, *DISPLACEMENT_PATHS)
     obj.location = (0.0, 0.0, 0.0)
     obj.rotation_quaternion = (1.0, 0.0, 0.0, 0.0)
     obj.rotation_euler = (0.0, 0.0, 0.0)
@@ -131,8 +131,8 @@ def keyed_pose(obj: bpy.types.Object, frame: float) -> FloatArray:
 def _new(obj: bpy.types.Object, name: str) -> bpy.types.Object:
     """A trajectory that nothing rides on yet."""
     above = bpy.data.objects.new(f"{name} trajectory", None)
-    collection_of(obj.users_scene[0], KIND).objects.link(above)
-    above.unisim.kind, above.unisim.uid = KIND, obj.unisim.uid
+    collection_of(obj.users_scene[0], TRAJECTORY_KIND).objects.link(above)
+    above.unisim.kind, above.unisim.uid = TRAJECTORY_KIND, obj.unisim.uid
     above.rotation_mode = "QUATERNION"
     above.empty_display_size = 0.01
     above.hide_viewport = above.hide_select = above.hide_render = True

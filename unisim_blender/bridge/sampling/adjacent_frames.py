@@ -25,8 +25,8 @@ from ..objects.trajectories import keyed_pose
 from ..window import areas
 from .stepping import frame_of, sample
 
-BESIDE = "UniSim beside"
-WAIT_S = 0.2
+BESIDE_SCENE = "UniSim beside"
+RETRY_S = 0.2
 """Until the next try, while an image is rendered."""
 
 
@@ -115,7 +115,7 @@ def evaluate_beside(
     matrices = np.empty((len(frames), len(moved), 4, 4))
     hidden, left_out = np.empty((2, len(frames), len(moved)), bool)
     hides = [keys_hide(obj) for obj in moved]
-    beside = bpy.data.scenes.new(BESIDE)
+    beside = bpy.data.scenes.new(BESIDE_SCENE)
     try:
         beside.frame_set(int(frames[0]))  # makes its depsgraph; the frame handlers that this calls find an empty scene
         depsgraph = beside.view_layers[0].depsgraph
@@ -145,7 +145,7 @@ def _step_asked() -> float | None:
         scene = bpy.data.scenes.get(name)
         also = [bpy.data.objects[other] for other in others if other in bpy.data.objects]
         if scene is not None and not step_beside(scene, clock, lacking(scene, clock, also)):
-            return WAIT_S
+            return RETRY_S
         del _asked[name]
     for area in areas("VIEW_3D"):
         area.tag_redraw()

@@ -14,7 +14,7 @@ from ..objects.animation import curves_of
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects
 from ..objects.meshes import size_of
 
-TRANSFORMS = (
+TRANSFORM_PROPERTIES = (
     "location",
     "rotation_mode",
     "rotation_quaternion",
@@ -26,9 +26,9 @@ TRANSFORMS = (
     "delta_scale",
 )
 """Properties that place an object that is not animated."""
-FLAGS = ("kind", "uid", "look", "look_scene", "model", "mesh", "label")
+UNISIM_PROPERTIES = ("kind", "uid", "look", "look_scene", "model", "mesh", "label")
 """Properties that say what an object of a drive represents."""
-LENS = ("lens", "shift_x", "shift_y", "sensor_width", "sensor_height", "sensor_fit", "type")
+LENS_PROPERTIES = ("lens", "shift_x", "shift_y", "sensor_width", "sensor_height", "sensor_fit", "type")
 
 
 def edit_state(scene: bpy.types.Scene) -> str:
@@ -36,11 +36,11 @@ def edit_state(scene: bpy.types.Scene) -> str:
     digest = hashlib.blake2b(digest_size=16)
     for obj in imported_objects(scene, *KINDS_OF_DRIVE, "TRAJECTORY"):
         about = obj.unisim
-        said: list[object] = [obj.name, obj.hide_render, *(getattr(about, name) for name in FLAGS)]
+        said: list[object] = [obj.name, obj.hide_render, *(getattr(about, name) for name in UNISIM_PROPERTIES)]
         if obj.type == "MESH":
             said += np.round(size_of(obj), 5).tolist()
         if obj.type == "CAMERA":
-            said += [getattr(obj.data, name) for name in LENS]
+            said += [getattr(obj.data, name) for name in LENS_PROPERTIES]
         for part in (obj, *(obj.children_recursive if about.mesh else ())):
             said += _placed(part)
         digest.update(repr(said).encode())
@@ -67,7 +67,7 @@ def _placed(obj: bpy.types.Object) -> list[object]:
     if data is not None:
         animated |= {driver.data_path for driver in data.drivers}
     if not strips:
-        said += [(name, _plain(getattr(obj, name))) for name in TRANSFORMS if name not in animated]
+        said += [(name, _plain(getattr(obj, name))) for name in TRANSFORM_PROPERTIES if name not in animated]
     said += [(constraint.type, constraint.mute, constraint.influence) for constraint in obj.constraints]
     if obj.parent is not None:
         said += [obj.parent.name, *(_plain(row) for row in obj.matrix_parent_inverse)]

@@ -1,4 +1,4 @@
-"""Where objects are at every frame of the drive, from their keys and those of their parents, without stepping through the
+"""Objects' poses at every frame of the drive, from their keys and those of their parents, without stepping through the
 frames, so that a window goes on in between.
 
 Objects that anything else moves (a constraint, a driver, the NLA) are evaluated in a scene beside, as `adjacent_frames`
@@ -25,11 +25,23 @@ from .adjacent_frames import evaluate_beside, moved_by_keys
 from .stepping import completed, depsgraph_of, described, image_size, refuse_stretching, shown_names, static_items
 
 HIDING = ("hide_viewport", "hide_render")
-STATE = ("name", "type", "parent_type", "rotation_mode", "hide_render", "hide_viewport", "pass_index")
-ABOUT = ("kind", "uid", "home", "look", "look_scene", "mesh", "label", "model", "called", "called_as", "scale_lift_m")
-NUMBERS = ("location", "rotation_quaternion", "rotation_euler", "scale")
-DELTAS = ("delta_location", "delta_rotation_euler", "delta_rotation_quaternion", "delta_scale")
-LENS = ("lens", "sensor_width", "sensor_height", "shift_x", "shift_y", "sensor_fit")
+OBJECT_PROPERTIES = ("name", "type", "parent_type", "rotation_mode", "hide_render", "hide_viewport", "pass_index")
+OWN_PROPERTIES = (
+    "kind",
+    "uid",
+    "home",
+    "look",
+    "look_scene",
+    "mesh",
+    "label",
+    "model",
+    "called",
+    "called_as",
+    "scale_lift_m",
+)
+KEYABLE_PROPERTIES = ("location", "rotation_quaternion", "rotation_euler", "scale")
+DELTA_PROPERTIES = ("delta_location", "delta_rotation_euler", "delta_rotation_quaternion", "delta_scale")
+LENS_PROPERTIES = ("lens", "sensor_width", "sensor_height", "shift_x", "shift_y", "sensor_fit")
 
 FRAMES_AT_ONCE = 4
 """Frames that are evaluated beside in one step."""
@@ -84,11 +96,11 @@ class Sampler:
         """Return what an object's samples depend on, parents included; what moves it beside keys is not part of it."""
         if obj.name not in self._signatures:
             keyed = {curve.data_path for curve in curves_of(obj)}
-            numbers = [tuple(getattr(obj, path)) for path in NUMBERS if path not in keyed]
-            numbers += [tuple(getattr(obj, path)) for path in DELTAS]
+            numbers = [tuple(getattr(obj, path)) for path in KEYABLE_PROPERTIES if path not in keyed]
+            numbers += [tuple(getattr(obj, path)) for path in DELTA_PROPERTIES]
             own = (
-                *(getattr(obj, name) for name in STATE if name != "hide_viewport" or name not in keyed),
-                *(getattr(obj.unisim, name) for name in ABOUT),
+                *(getattr(obj, name) for name in OBJECT_PROPERTIES if name != "hide_viewport" or name not in keyed),
+                *(getattr(obj.unisim, name) for name in OWN_PROPERTIES),
                 *numbers,
                 tuple(tuple(row) for row in obj.matrix_parent_inverse),
                 tuple(_curve_state(curve) for curve in curves_of(obj)),
@@ -190,13 +202,7 @@ def _curve_state(curve: bpy.types.FCurve) -> tuple[object, ...]:
 
 
 def _lens(obj: bpy.types.Object) -> tuple[object, ...]:
-    return tuple(getattr(obj.data, name) for name in LENS) if obj.type == "CAMERA" else ()
-
-
-FRAMES_AT_ONCE = 4
-"""Frames that are evaluated beside in one step."""
-StepsDone = tuple[int, int]
-"""Steps that are done, and all steps."""
+    return tuple(getattr(obj.data, name) for name in LENS_PROPERTIES) if obj.type == "CAMERA" else ()
 
 
 def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[StepsDone, None, Sampled]:

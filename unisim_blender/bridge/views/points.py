@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from ...core.geometry import FloatArray
 from ...editing.layout.shapes import RECORDED, SIMULATED, PointColours, point_colours
-from ...editing.sensors.mounts import Recorded
+from ...editing.sensors.mounts import RecordedReturns
 from ..objects.imported import collection_of, imported_objects
 
-MOST_POINTS = 60_000
+MAX_POINTS = 60_000
 """More are thinned for display."""
 KINDS = (RECORDED, SIMULATED)
 
@@ -24,6 +24,7 @@ def put_points(
 ) -> bpy.types.Object:
     """Show points (N, 3) of the world, with attributes (N,), in place of those that were shown of
     that LiDAR and kind."""
+    assert points.ndim == 2 and points.shape[1] == 3, f"points of shape {points.shape}"
     uid = f"{lidar} {kind}"
     obj = next((t for t in imported_objects(scene, "POINTS") if t.unisim.uid == uid), None)
     if obj is None:
@@ -33,7 +34,7 @@ def put_points(
         obj.hide_select = obj.hide_render = True
         obj.hide_viewport = True  # else Blender's own dots lie over the coloured points
     obj.unisim.stamp = uuid.uuid4().hex
-    step = -(-len(points) // MOST_POINTS) or 1
+    step = -(-len(points) // MAX_POINTS) or 1
     mesh = obj.data
     mesh.clear_geometry()
     mesh.vertices.add(len(points[::step]))
@@ -46,7 +47,7 @@ def put_points(
     return obj
 
 
-def put_recorded(scene: bpy.types.Scene, sweeps: list[Recorded]) -> None:
+def put_recorded(scene: bpy.types.Scene, sweeps: list[RecordedReturns]) -> None:
     """Show recorded returns that were read."""
     for sweep in sweeps:
         put_points(scene, sweep.lidar, RECORDED, sweep.points, sweep.attributes)

@@ -22,11 +22,13 @@ from ..objects.imported import imported_objects, originals
 from ..objects.settings import rollout_folder
 from ..window import areas
 
-LOOK_S = 0.1
+POLL_S = 0.1
 
 _read: dict[Path, RolloutTimes | None] = {}
 """Rollouts by folder; None while one is read, and where it cannot be."""
 _readers: list[threading.Thread] = []
+MARKER_PREFIX = "UniSim "
+"""Prefix of the names of markers that stand for a rollout's moments."""
 
 
 def keep_rollout(folder: Path, rollout: RolloutTimes) -> None:
@@ -46,7 +48,7 @@ def rollout_of(scene: bpy.types.Scene) -> RolloutTimes | None:
         _readers.append(thread)
         thread.start()
         if not bpy.app.timers.is_registered(_look):
-            bpy.app.timers.register(_look, first_interval=LOOK_S)
+            bpy.app.timers.register(_look, first_interval=POLL_S)
     return _read[folder]
 
 
@@ -65,7 +67,7 @@ def _load(folder: Path) -> None:
 def _look() -> float | None:
     """Draw the views again once threads have ended; a timer of Blender's."""
     if any(thread.is_alive() for thread in _readers):
-        return LOOK_S
+        return POLL_S
     _readers.clear()
     for area in areas("VIEW_3D"):
         area.tag_redraw()
@@ -104,10 +106,6 @@ def _pose(obj: bpy.types.Object) -> FloatArray:
     return rigid(np.array(obj.matrix_world, float))
 
 
-TAG = "UniSim "
-"""How the names of markers begin that stand for a rollout's moments."""
-
-
 def mark_rollout(
     scene: bpy.types.Scene,
     folder: Path,
@@ -119,10 +117,10 @@ def mark_rollout(
     about = scene.unisim_simulation
     about.rollout = about.scored = str(folder)
     about.span_s = (float(rollout.times_s[0]), float(rollout.times_s[-1]))
-    for marker in [marker for marker in scene.timeline_markers if marker.name.startswith(TAG)]:
+    for marker in [marker for marker in scene.timeline_markers if marker.name.startswith(MARKER_PREFIX)]:
         scene.timeline_markers.remove(marker)
     for moment, words in moments:
-        scene.timeline_markers.new(TAG + words, frame=round(float(clock.frame(np.array(moment.time_s)))))
+        scene.timeline_markers.new(MARKER_PREFIX + words, frame=round(float(clock.frame(np.array(moment.time_s)))))
 
 
 def actor_names(scene: bpy.types.Scene) -> Mapping[str, str]:

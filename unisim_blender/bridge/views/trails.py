@@ -12,7 +12,7 @@ from ...core.geometry import FloatArray, make_pose, transform_points
 from ...core.world.drive import Camera, Drive
 from ...editing.layout.shapes import pyramid, ring
 from ...editing.layout.trails import RECORDED, TrailSegments, joined, own_lines, recorded_lines
-from ...editing.motion.kinematics import Compared, Limits, ObjectTrack, cached_comparison, label_of
+from ...editing.motion.kinematics import Limits, MotionComparison, ObjectTrack, cached_comparison, label_of
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import UNIT, rigid, same, same_place
 from ...editing.sensors.mounts import recorded_pose
@@ -101,7 +101,7 @@ def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock) -> ObjectTrack:
     return ObjectTrack(obj.name, kind, uid, label, poses, shown_by_keys(obj, clock.frames))
 
 
-def compared_now(obj: bpy.types.Object, drive: Drive, clock: Clock, limits: Limits) -> Compared:
+def compared_now(obj: bpy.types.Object, drive: Drive, clock: Clock, limits: Limits) -> MotionComparison:
     """Return an object's motion beside the recorded one. It is computed again only when the motion or
     a limit changes."""
     return cached_comparison(track_of(obj, drive, clock), drive, clock, limits)

@@ -12,7 +12,7 @@ import click
 from ..prepare.scenario_plan import RenderOptions
 from ..prepare.selection import split_names
 from ..remote.requests import is_url
-from ..render.quality import QUALITY
+from ..render.quality import QUALITIES
 from ..scenes.recipe import pick_device
 
 
@@ -45,7 +45,7 @@ def render_options(
         click.option("--sensors", metavar="A,B", help=f"Cameras and LiDARs by name. [default: all of {owner}]"),
         click.option("--width", type=click.IntRange(min=8), help=f"{width} [default: the cameras' own]"),
         click.option(
-            "--quality", type=click.Choice(list(QUALITY)), help=f"Samples per ray. [default: {owner}, or balanced]"
+            "--quality", type=click.Choice(list(QUALITIES)), help=f"Samples per ray. [default: {owner}, or balanced]"
         ),
         click.option("--renderer", help=renderer, **kind),
         click.option("--scene", type=SourceParam(), help=f"A trained scene, in place of {scene or owner}."),

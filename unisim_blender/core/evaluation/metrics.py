@@ -22,6 +22,7 @@ SSIM_WINDOW = 11
 
 def mean_squared_error(rendered: ImageArray, recorded: ImageArray, mask: BoolArray | None = None) -> float:
     """Mean of squared differences (H, W, 3) over the mask's pixels (H, W); NaN where the mask is empty."""
+    assert rendered.shape == recorded.shape, f"images of shapes {rendered.shape} and {recorded.shape}"
     squares = (np.asarray(rendered, np.float64) - np.asarray(recorded, np.float64)) ** 2
     if mask is not None:
         squares = squares[mask]
@@ -97,6 +98,7 @@ def lidar_metrics(
     over rays that return in both. ``depth_median_squared_m2`` is the median squared error, which NeuRAD's
     tables call "depth".
     """
+    assert depth_m.shape == recorded_depth_m.shape, f"depths of shapes {depth_m.shape} and {recorded_depth_m.shape}"
     both = returned & recorded_returned
     error = np.abs(np.asarray(depth_m, np.float64) - recorded_depth_m)[both]
     difference = np.asarray(intensity, np.float64)[both] - recorded_intensity[both]

@@ -143,7 +143,7 @@ def evaluate(
             images.rows.append(row)
         per_frame.append(record)
         on_frame(images)
-    metrics: dict[str, Any] = finite({**summarise(per_frame), "per_frame": per_frame})
+    metrics: dict[str, Any] = finite({**summarise_frames(per_frame), "per_frame": per_frame})
     return metrics
 
 
@@ -321,7 +321,7 @@ LIDAR_METRICS = (
 )
 
 
-def summarise(per_frame: list[dict[str, Any]]) -> dict[str, Any]:
+def summarise_frames(per_frame: list[dict[str, Any]]) -> dict[str, Any]:
     """All frames' metrics, those of driving frames beside them, and each sensor's own."""
     summary: dict[str, Any] = {}
     for kind, metrics in (("camera", camera_metrics), ("lidar", sweep_metrics)):

@@ -24,6 +24,7 @@ def offset_errors(true: FloatArray, poses: FloatArray) -> tuple[FloatArray, Floa
     The constant offset C that is taken off is the least-squares one: of ``inverse(true_k) pose_k`` the mean of the
     shifts and the mean of the rotations (Moakher, "Means and averaging in the group of rotations", 2002, eq. 3.2).
     """
+    assert true.shape == poses.shape, f"poses of shapes {true.shape} and {poses.shape}"
     offset = invert_pose(true) @ poses
     shifts, turns = offset[:, :3, 3], Rotation.from_matrix(offset[:, :3, :3])
     shift_m = np.linalg.norm(shifts - shifts.mean(0), axis=1)

@@ -39,6 +39,10 @@ class EditRegions:
     shadow: BoolArray
     seen: BoolArray
 
+    def __post_init__(self) -> None:
+        shapes = self.edited.shape, self.shadow.shape, self.seen.shape
+        assert len(set(shapes)) == 1, f"masks of shapes {shapes}"
+
     @property
     def changed(self) -> BoolArray:
         """The edited region, its shadow pixels included."""

@@ -18,9 +18,9 @@ from ..ops.grid_shape import GridArrays
 from .config import ModelConfig
 from .fields import Density, parts, query, start_at, values_of
 from .networks import mlp, run_mlp
-from .shapes import FREQUENCIES, actor_grid, actor_row, perceptrons
+from .shapes import LATENT_OCTAVES, actor_grid, actor_row, perceptrons
 
-INITIAL_M, INITIAL_LOG_DENSITY = 0.3, -1.5
+INITIAL_DISTANCE_M, INITIAL_LOG_DENSITY = 0.3, -1.5
 """An actor's box is entered from outside: there its field must not stop a ray from the start."""
 
 
@@ -88,7 +88,7 @@ class GridActors(ActorField):
         self.row = actor_row(config)
         self._make_own(config, actors)
         self.network = mlp(*perceptrons(config)["actors.network"])
-        start_at(self.network, self.density, INITIAL_M, INITIAL_LOG_DENSITY)
+        start_at(self.network, self.density, INITIAL_DISTANCE_M, INITIAL_LOG_DENSITY)
 
     def _make_own(self, config: ModelConfig, actors: int) -> None:
         self.own_tables = nn.Parameter(torch.empty(actors, *self.row).uniform_(-1e-4, 1e-4))
@@ -131,8 +131,8 @@ class LatentActors(ActorField):
         self.row = actor_row(config)
         self.latents = nn.Parameter(torch.randn(actors, config.latent))
         self.network = mlp(*perceptrons(config)["actors.network"])
-        start_at(self.network, self.density, INITIAL_M, INITIAL_LOG_DENSITY)
-        octaves = math.pi * 2.0 ** torch.arange(FREQUENCIES)
+        start_at(self.network, self.density, INITIAL_DISTANCE_M, INITIAL_LOG_DENSITY)
+        octaves = math.pi * 2.0 ** torch.arange(LATENT_OCTAVES)
         self.register_buffer("octaves", octaves, persistent=False)
 
     octaves: Tensor

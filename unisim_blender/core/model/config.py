@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from ..errors import SceneError
 
-_FORMER = {"far_grid": "background_grid", "far_proposals": "background_proposals", "far": "background"}
+_FORMER_MEMBERS = {"far_grid": "background_grid", "far_proposals": "background_proposals", "far": "background"}
 """Names that scene.json had before, and those of today."""
 
 
@@ -101,6 +101,6 @@ class ModelConfig:
 
 def _renamed(values: dict[str, Any]) -> dict[str, Any]:
     """Values by today's names. TypeError where one is given by both of its names."""
-    if twice := [f"{old} and {new}" for old, new in _FORMER.items() if old in values and new in values]:
+    if twice := [f"{old} and {new}" for old, new in _FORMER_MEMBERS.items() if old in values and new in values]:
         raise TypeError(f"{twice[0]} are both given, and are the same")
-    return {_FORMER.get(name, name): value for name, value in values.items()}
+    return {_FORMER_MEMBERS.get(name, name): value for name, value in values.items()}

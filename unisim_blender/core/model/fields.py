@@ -88,7 +88,7 @@ def contract_direction(d: Tensor) -> Tensor:
 
 Density = Literal["logistic", "unisim", "volume"]
 
-INITIAL_M, INITIAL_LOG_DENSITY = 0.1, -3.5
+INITIAL_DISTANCE_M, INITIAL_LOG_DENSITY = 0.1, -3.5
 """Output of a new static field at every point: a distance, or the logarithm of a density that lets most of a ray
 through for 30 m."""
 INITIAL_BACKGROUND_LOG_DENSITY = -1.0
@@ -154,7 +154,7 @@ class StaticField(nn.Module):
         self.network = mlp(*perceptrons(config)["static.network"])
         self.register_buffer("size_m", torch.as_tensor(volume.size_m).float(), persistent=False)
         self.density: Density = config.density
-        start_at(self.network, self.density, INITIAL_M, INITIAL_LOG_DENSITY)
+        start_at(self.network, self.density, INITIAL_DISTANCE_M, INITIAL_LOG_DENSITY)
 
     size_m: Tensor
 

@@ -15,19 +15,19 @@ from .shapes import cells_of
 
 FREE, UNKNOWN, BESIDE, HIT = 0, 20, 254, 255
 """BESIDE is next to a return."""
-_FORGET = 0.97
-_PRUNE_BELOW = 0.004
-_MIN_HIT = 64
-_OPEN = 0.2
+_SCORE_DECAY = 0.97
+_PRUNE_SCORE = 0.004
+_MIN_HIT_SCORE = 64
+_MIN_TRANSMITTANCE = 0.2
 """A sample with less transmittance in front of it says nothing about what is there."""
-_SHOWN = 0.08
+_MIN_SURFACE_SCORE = 0.08
 """A voxel's score starts at UNKNOWN / 255, just below this, and exceeds it only where a sample had weight."""
-_LOOKS = 8
+_MIN_RAYS = 8
 """Smallest number of rays that must have looked into a voxel before the largest fraction of a ray that stops there
 decides whether the voxel holds a surface."""
-_STOPPED = 0.3
+_SURFACE_STOP_FRACTION = 0.3
 """Some ray stops so much in a voxel that holds a surface."""
-_STOPPED_BESIDE = 0.1
+_SURFACE_STOP_FRACTION_BESIDE = 0.1
 """The same next to a LiDAR return, where surfaces are likely."""
 
 
@@ -81,18 +81,18 @@ class OccupancyTrainer:
         values = self.occupancy.values.view(-1)
         cells = self.occupancy.cells(x)
         if settled:
-            self.seen[cells[front > _OPEN]] = True
+            self.seen[cells[front > _MIN_TRANSMITTANCE]] = True
             if camera:
-                self.viewed[cells[front > _OPEN]] = True
+                self.viewed[cells[front > _MIN_TRANSMITTANCE]] = True
         unique, where = torch.unique(cells, return_inverse=True)
         best = weight.new_zeros(len(unique)).scatter_reduce_(0, where, weight, "amax")
         self.visited[unique] = True
-        score = torch.maximum(self.score[unique] * _FORGET, best.clamp_max(1))
+        score = torch.maximum(self.score[unique] * _SCORE_DECAY, best.clamp_max(1))
         self.score[unique] = score
         value = (score * 4).clamp_max(1) * 255
-        value = torch.where(self.hit[unique], value.clamp_min(_MIN_HIT), value.clamp_min(4.0))
+        value = torch.where(self.hit[unique], value.clamp_min(_MIN_HIT_SCORE), value.clamp_min(4.0))
         if prune:
-            value = torch.where((score < _PRUNE_BELOW) & ~self.hit[unique], torch.zeros_like(value), value)
+            value = torch.where((score < _PRUNE_SCORE) & ~self.hit[unique], torch.zeros_like(value), value)
         # what was pruned stays so
         alive = values[unique] > 0
         values[unique] = torch.where(alive, value, torch.zeros_like(value)).to(torch.uint8)
@@ -109,7 +109,7 @@ class OccupancyTrainer:
         passages, cells = enters.cumsum(0) - 1, cells.flatten()[enters]
         stopped = weight.new_zeros(len(cells)).index_add_(0, passages, weight.flatten())
         self.stopped.scatter_reduce_(0, cells, stopped, "amax")
-        looked = cells[front.flatten()[enters] > _OPEN]
+        looked = cells[front.flatten()[enters] > _MIN_TRANSMITTANCE]
         self.looks.index_add_(0, looked, torch.ones_like(looked, dtype=torch.int32))
 
     @torch.no_grad()
@@ -137,11 +137,11 @@ class OccupancyTrainer:
         whose samples never had weight, and those that rays only lose a part of themselves in. Left as they are, they
         would be rendered as fog, more of it the closer the samples are."""
         values = self.occupancy.values.view(-1)
-        values[~self.hit & (~self.visited | (self.score < _SHOWN))] = FREE
-        values[self.beside & (~self.visited | (self.score < _PRUNE_BELOW))] = FREE
-        known = self.looks >= _LOOKS
-        values[known & ~self.hit & (self.stopped < _STOPPED)] = FREE
-        values[known & self.beside & (self.stopped < _STOPPED_BESIDE)] = FREE
+        values[~self.hit & (~self.visited | (self.score < _MIN_SURFACE_SCORE))] = FREE
+        values[self.beside & (~self.visited | (self.score < _PRUNE_SCORE))] = FREE
+        known = self.looks >= _MIN_RAYS
+        values[known & ~self.hit & (self.stopped < _SURFACE_STOP_FRACTION)] = FREE
+        values[known & self.beside & (self.stopped < _SURFACE_STOP_FRACTION_BESIDE)] = FREE
 
     @torch.no_grad()
     def free_unobserved(self, through: Tensor, continued: Callable[[], Tensor]) -> None:
@@ -160,7 +160,7 @@ class OccupancyTrainer:
     @torch.no_grad()
     def shown(self) -> Tensor:
         """Voxels (V,) bool that somebody looked into and that showed something."""
-        return self.seen & (self.occupancy.values.view(-1) > FREE) & (self.score >= _SHOWN)
+        return self.seen & (self.occupancy.values.view(-1) > FREE) & (self.score >= _MIN_SURFACE_SCORE)
 
     @torch.no_grad()
     def has_returns(self, x: Tensor) -> Tensor:

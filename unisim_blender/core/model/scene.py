@@ -15,7 +15,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from ..geometry import FloatArray
-from ..ops.constants import CLEARANCE_M, GROUND_CELL_M, GROUND_LIGHT_RADIUS_M
+from ..ops.constants import GROUND_CELL_M, GROUND_CLEARANCE_M, GROUND_LIGHT_RADIUS_M
 from ..ops.devices import zeros_on_demand
 from .actors import actor_field
 from .config import ModelConfig
@@ -133,4 +133,4 @@ class Ground(nn.Module):
 
     def above(self, x: Tensor) -> Tensor:
         """Which points (N, 3) are above the ground: (N,) bool."""
-        return x[:, 2] > self.height(x) + CLEARANCE_M
+        return x[:, 2] > self.height(x) + GROUND_CLEARANCE_M

@@ -172,12 +172,12 @@ DTYPES = {
     "I32": np.int32,
     "U64": np.uint64, "I64": np.int64, "F16": np.float16, "F32": np.float32, "F64": np.float64,
 }  # fmt: skip
-_FORMER = re.compile(r"^far\.")
+_FORMER_PREFIX = re.compile(r"^far\.")
 """Former prefix of the names of the background model's arrays."""
 LENGTH_BYTES = 8
-MOST_HEADER_BYTES = 100_000_000
+MAX_HEADER_BYTES = 100_000_000
 """Of the names; safetensors' own limit."""
-HALF_EXPONENT = 0x7C00
+HALF_EXPONENT_BITS = 0x7C00
 """The bits that are all set in a half-precision number that is not finite."""
 
 
@@ -230,14 +230,14 @@ def read_weights(file: Path) -> Weights:
     if len(raw) < LENGTH_BYTES:
         _fail(file, f"it has {len(raw)} bytes, and no header")
     length = int.from_bytes(raw[:LENGTH_BYTES].tobytes(), "little")
-    if length > min(len(raw) - LENGTH_BYTES, MOST_HEADER_BYTES):
+    if length > min(len(raw) - LENGTH_BYTES, MAX_HEADER_BYTES):
         _fail(file, f"its header would be {length} bytes long, in a file of {len(raw)}")
     header = _tensor_header(file, raw[LENGTH_BYTES : LENGTH_BYTES + length].tobytes())
     data = raw[LENGTH_BYTES + length :]
     arrays, begins = {}, {}
     for name, entry in header.items():
         if name != "__metadata__":
-            name = _FORMER.sub("background.", name)
+            name = _FORMER_PREFIX.sub("background.", name)
             if name in arrays:
                 _fail(file, f"it has {short(name)} twice, by a former name too")
             arrays[name], begins[name] = _array(file, name, entry, data)
@@ -309,7 +309,7 @@ def check_finite(file: Path, name: str, array: NDArray[Any]) -> None:
     if array.dtype.kind != "f":
         return
     if array.dtype == np.float16:  # numpy's own test takes four times as long on these
-        broken = (array.view("<u2") & HALF_EXPONENT) == HALF_EXPONENT
+        broken = (array.view("<u2") & HALF_EXPONENT_BITS) == HALF_EXPONENT_BITS
     else:
         broken = ~np.isfinite(array)
     if broken.any():

@@ -23,14 +23,14 @@ TensorShape = tuple[int, ...]
 
 SH_WIDTH = 16
 """Spherical harmonics of a direction, degrees 0 to 3."""
-CAMERA_CODE = 4
+CAMERA_CODE_SIZE = 4
 """Numbers of a camera's code."""
 LIGHT_HIDDEN = 16
 LIDAR_INPUTS = 2
 """Inputs of the LiDAR head besides feature and direction: depth and opacity."""
 LIDAR_OUTPUTS = 2
 """Intensity and the logit of a return."""
-FREQUENCIES, LATENT_LAYERS = 6, 4
+LATENT_OCTAVES, LATENT_LAYERS = 6, 4
 """Of the network that latents condition: octaves in which it is told where a point is, and its depth."""
 
 
@@ -106,7 +106,7 @@ def perceptrons(config: ModelConfig) -> dict[str, Perceptron]:
         "lidar_head.network": Perceptron(f + SH_WIDTH + LIDAR_INPUTS, hidden, LIDAR_OUTPUTS, 3),
     }
     if config.actors == "latent":
-        networks["actors.network"] = Perceptron(3 + 6 * FREQUENCIES + config.latent, hidden, 1 + f, LATENT_LAYERS)
+        networks["actors.network"] = Perceptron(3 + 6 * LATENT_OCTAVES + config.latent, hidden, 1 + f, LATENT_LAYERS)
     if config.actors == "hypernetwork":
         own = math.prod(actor_row(config))
         networks["actors.hypernetwork"] = Perceptron(config.latent, config.hyper_hidden, own, config.hyper_layers)
@@ -117,7 +117,7 @@ def perceptrons(config: ModelConfig) -> dict[str, Perceptron]:
     elif config.head == "sample":
         networks["sample_head"] = Perceptron(f + SH_WIDTH, hidden, f, 3)
     if config.colour == "decoded":
-        networks["ray_head.network"] = Perceptron(f + SH_WIDTH + CAMERA_CODE, hidden, config.decoder_channels)
+        networks["ray_head.network"] = Perceptron(f + SH_WIDTH + CAMERA_CODE_SIZE, hidden, config.decoder_channels)
     return networks
 
 
@@ -139,7 +139,7 @@ def decoder_reach(config: ModelConfig) -> int:
 
 def camera_codes(cameras: int) -> TensorShape:
     """The codes of so many cameras; there is one where no camera was trained."""
-    return max(cameras, 1), CAMERA_CODE
+    return max(cameras, 1), CAMERA_CODE_SIZE
 
 
 def cells_of(size_m: FloatArray, cell_m: float) -> TensorShape:
@@ -178,10 +178,10 @@ def stored_voxels(config: ModelConfig, size_m: FloatArray) -> dict[str, TensorSh
     return dict.fromkeys(("occupancy.values", "observed"), cells_of(size_m, config.voxel_m))
 
 
-MOST = 1 << 24
+MAX_NUMBER = 1 << 24
 """No number of a configuration is larger: what asks for more is broken, and would fill the memory before
 anything noticed."""
-MOST_OF = {
+MAX_BY_NAME = {
     "levels": 64, "log2_table": 28, "hidden": 1024, "features": 1024, "latent": 4096, "hyper_hidden": 4096,
     "hyper_layers": 16,
     "decoder_channels": 1024, "decoder_blocks": 64, "decoder_kernel": 31, "upsample": 16,
@@ -189,10 +189,10 @@ MOST_OF = {
     1 << 16),
 }  # fmt: skip
 """The same of whole numbers by their name."""
-LEAST_OF = {"coarsest": 1e-3, "finest": 1e-3, "voxel_m": 1e-3}
-MOST_ENTRIES = 1 << 27
+MIN_BY_NAME = {"coarsest": 1e-3, "finest": 1e-3, "voxel_m": 1e-3}
+MAX_ENTRIES = 1 << 27
 """Of tables and of networks, all together: some ten times what the largest preset has."""
-MOST_VOXELS = 1 << 28
+MAX_VOXELS = 1 << 28
 """A volume of 900 by 900 metres has so many of half a metre; each is two bytes of a scene that is rendered."""
 
 
@@ -208,15 +208,15 @@ def check_config(config: Any, where: str) -> None:
             if value not in get_args(kind):
                 raise SceneError(f"{place} is {short(value)}, not one of {', '.join(map(repr, get_args(kind)))}")
         elif kind is int:
-            most = MOST_OF.get(field.name, MOST)
+            most = MAX_BY_NAME.get(field.name, MAX_NUMBER)
             if not (isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= most):
                 raise SceneError(f"{place} is {short(value)}, not a whole number from 1 to {most}")
         elif kind is float:
             sound = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-            if not (sound and 0 < value <= MOST):
-                raise SceneError(f"{place} is {short(value)}, not a number above 0 and up to {MOST}")
-            if value < LEAST_OF.get(field.name, 0):
-                raise SceneError(f"{place} is {short(value)}, below {LEAST_OF[field.name]:g}")
+            if not (sound and 0 < value <= MAX_NUMBER):
+                raise SceneError(f"{place} is {short(value)}, not a number above 0 and up to {MAX_NUMBER}")
+            if value < MIN_BY_NAME.get(field.name, 0):
+                raise SceneError(f"{place} is {short(value)}, below {MIN_BY_NAME[field.name]:g}")
 
 
 def check_sizes(config: ModelConfig, volume: Volume, where: str) -> None:
@@ -240,6 +240,6 @@ def check_sizes(config: ModelConfig, volume: Volume, where: str) -> None:
     entries["hidden"] = config.hidden * (widest + config.features) + config.hyper_hidden**2 * config.hyper_layers
     entries["decoder_channels"] = config.decoder_blocks * config.decoder_channels**2 * config.decoder_kernel**2
     for name, count in entries.items():
-        most = MOST_VOXELS if name == "voxel_m" else MOST_ENTRIES
+        most = MAX_VOXELS if name == "voxel_m" else MAX_ENTRIES
         if count > most:
             raise SceneError(f"{where}.{name} asks for {count} numbers in all, more than the {most} that are read")

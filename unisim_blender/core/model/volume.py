@@ -11,7 +11,7 @@ from ..errors import SceneError
 from ..geometry import FloatArray, invert_pose, make_pose, quaternion_from_yaw, transform_points
 from ..world.drive import Drive
 
-MOST_M = 1e4
+MAX_EDGE_M = 1e4
 """Edges of a volume are shorter."""
 WINDING_RAD, WINDING_M = np.pi / 4, 150.0
 """A drive winds that turns by more on more metres; a shorter one lies within the box of a straight one, or nearly so."""
@@ -80,8 +80,8 @@ class Volume:
 
     def check(self, where: str) -> None:
         """Check that the edges can be those of a scene. SceneError names ``where``."""
-        if not ((self.size_m > 0) & (self.size_m < MOST_M)).all():
-            raise SceneError(f"{where} is {self.size_m.tolist()}, not above 0 and below {MOST_M:.0f} m")
+        if not ((self.size_m > 0) & (self.size_m < MAX_EDGE_M)).all():
+            raise SceneError(f"{where} is {self.size_m.tolist()}, not above 0 and below {MAX_EDGE_M:.0f} m")
 
 
 def driven_m(poses: FloatArray) -> float:

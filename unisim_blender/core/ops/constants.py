@@ -16,7 +16,7 @@ COVERED_TRANSMITTANCE = 1e-6
 """Transmittance of a mesh that covers a ray."""
 GROUND_CELL_M = 1.0
 """Edges of the cells of the ground's heights."""
-CLEARANCE_M = 0.1
+GROUND_CLEARANCE_M = 0.1
 """Height above the ground's surface from which on a point is no ground."""
 GROUND_LIGHT_RADIUS_M = 0.6
 """The appearance of the ground under an actor is a mean of four places this far from the one asked for: a lane mark

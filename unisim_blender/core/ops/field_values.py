@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from .constants import CLEARANCE_M, EMPTY_LOG_DENSITY, EMPTY_M
+from .constants import EMPTY_LOG_DENSITY, EMPTY_M, GROUND_CLEARANCE_M
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,9 @@ class SignedDistances:
         """The same, with nothing but the ground near (row, column) (M,), which are so high above it: (M,), metres."""
         own = self.metres[row, column]
         free = torch.maximum(own, height_m)
-        return SignedDistances(self.metres.index_put((row, column), torch.where(height_m > CLEARANCE_M, free, own)))
+        return SignedDistances(
+            self.metres.index_put((row, column), torch.where(height_m > GROUND_CLEARANCE_M, free, own))
+        )
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ class LogDensities:
         empty."""
         own = self.logs[row, column]
         free = torch.full_like(own, EMPTY_LOG_DENSITY)
-        return LogDensities(self.logs.index_put((row, column), torch.where(height_m > CLEARANCE_M, free, own)))
+        return LogDensities(self.logs.index_put((row, column), torch.where(height_m > GROUND_CLEARANCE_M, free, own)))
 
 
 FieldValues = SignedDistances | LogDensities

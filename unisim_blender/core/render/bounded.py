@@ -38,25 +38,25 @@ from ..world.captures import Capture
 from ..world.drive import Lidar
 from .captures import CaptureStates, render_image, render_sweep
 from .lattice import Region
-from .quality import LADDER, TRUTH, Quality
+from .quality import ERROR_BOUND_QUALITIES, TRUTH_QUALITY, Quality
 from .renderer import Renderer
 from .tracer import tiled
 
-BEAMS = 512
+SWEEP_SAMPLE_BEAMS = 512
 """Of a sweep that are held against the truth."""
-PIXELS = 1024
+DRIVE_SAMPLE_PIXELS = 1024
 """Number of pixels of each of `sample_frames` from which a camera's settings are chosen."""
-CHECKED = 900
+IMAGE_SAMPLE_PIXELS = 900
 """Pixels of each image that are checked."""
-PATCH, PATCHES, CHECKED_PATCHES = 16, 2, 16
+PATCH_PX, DRIVE_SAMPLE_PATCHES, IMAGE_SAMPLE_PATCHES = 16, 2, 16
 """The same where a pixel hangs on others: squares of so many pixels, of each frame and of each image."""
-WORST = 0.02
+WORST_PIXEL_SHARE = 0.02
 """This share of a drive's pixels is too rare to be judged by one image's sample."""
-WORST_MARGIN = 1.5
+WORST_ERROR_FACTOR = 1.5
 """How much more the worst pixels may add to an image than to the drive's mean one."""
-OF_DRIVE, OF_IMAGE = 1.0, 2.5
+DRIVE_STANDARD_ERRORS, IMAGE_STANDARD_ERRORS = 1.0, 2.5
 """How many standard errors are added to a mean over the drive's pixels, and over an image's."""
-START_MARGIN = 1.5
+START_MARGIN_FACTOR = 1.5
 """Settings are tried first that the drive's pixels say keep the bound by so much: a second image costs more."""
 
 Colours = NDArray[np.float64]
@@ -94,12 +94,14 @@ class BoundedRenderer:
         lidar = self.states.lidar(capture.sensor_id)
         rays = lidar_rays(lidar, capture.time_s(lidar)).flat()
         rng = np.random.default_rng(capture.seed(self.seed))
-        some = drawn(np.ones(len(rays.time_s)), BEAMS, rng)
+        some = drawn(np.ones(len(rays.time_s)), SWEEP_SAMPLE_BEAMS, rng)
         sample = Rays(rays.origins[some], rays.directions[some], rays.time_s[some])
-        truth = self._depths(sample, lidar, TRUTH)
-        for name, quality in LADDER.items():
+        truth = self._depths(sample, lidar, TRUTH_QUALITY)
+        for name, quality in ERROR_BOUND_QUALITIES.items():
             errors = depth_errors(self._depths(sample, lidar, quality), truth)
-            error_bound = ErrorBoundResult(name, BEAMS, tuple(quantile_check(bound, errors) for bound in self.of_depth))
+            error_bound = ErrorBoundResult(
+                name, SWEEP_SAMPLE_BEAMS, tuple(quantile_check(bound, errors) for bound in self.of_depth)
+            )
             if error_bound.holds:
                 break
         with at_quality(self.renderer, quality):
@@ -129,12 +131,12 @@ class BoundedRenderer:
             self._drives[camera_id, width, in_patches] = _DrivePixels(patches, self.seed)
         drive = self._drives[camera_id, width, in_patches]
         patches, sample = drive.patches, None
-        scale = START_MARGIN
-        names = list(LADDER)
+        scale = START_MARGIN_FACTOR
+        names = list(ERROR_BOUND_QUALITIES)
         while True:
             # what an image showed of its own errors moves what is expected of those to come
             name = next((n for n in names if drive.keeps(n, self.of_colour, scale)), names[-1])
-            with at_quality(renderer, LADDER[name]):
+            with at_quality(renderer, ERROR_BOUND_QUALITIES[name]):
                 image = render_image(renderer, states, capture, passes, width)
             if sample is None:
                 rng = np.random.default_rng(capture.seed(self.seed))
@@ -171,15 +173,15 @@ class _Errors:
     of_pixels: dict[str, FloatArray]
 
     def at_most(self, bound: ErrorBound) -> float:
-        return mean_at_most(self.of_pixels[bound.unit], OF_DRIVE)
+        return mean_at_most(self.of_pixels[bound.unit], DRIVE_STANDARD_ERRORS)
 
     def cap(self, bound: ErrorBound) -> float:
         """The error that the WORST pixels exceed."""
-        return float(np.quantile(self.of_pixels[bound.unit], 1 - WORST))
+        return float(np.quantile(self.of_pixels[bound.unit], 1 - WORST_PIXEL_SHARE))
 
     def beyond(self, bound: ErrorBound) -> float:
         """Return how much the errors' excess over the cap adds to their mean, at most."""
-        return mean_at_most(np.maximum(self.of_pixels[bound.unit] - self.cap(bound), 0), OF_DRIVE)
+        return mean_at_most(np.maximum(self.of_pixels[bound.unit] - self.cap(bound), 0), DRIVE_STANDARD_ERRORS)
 
 
 class Patches:
@@ -193,7 +195,7 @@ class Patches:
         self.camera = states.camera(camera_id, width)
         of_frames = (states.state(self.camera, time_s) for time_s in self.camera.time_s.values())
         alone = not in_patches and all(renderer.alone(state, self.camera) for state in of_frames)
-        self.side = 1 if alone else PATCH
+        self.side = 1 if alone else PATCH_PX
         w, h = self.camera.model.width, self.camera.model.height
         self.pixels = h * w
         self.rows, self.columns = -(-h // self.side), -(-w // self.side)
@@ -243,11 +245,11 @@ class _DrivePixels:
     def __init__(self, patches: Patches, seed: int) -> None:
         self.patches = patches
         frames = sample_frames(patches.camera.time_s)
-        count = PIXELS if patches.side == 1 else PATCHES
+        count = DRIVE_SAMPLE_PIXELS if patches.side == 1 else DRIVE_SAMPLE_PATCHES
         rng = np.random.default_rng([seed, *patches.camera.sensor_id.encode()])
         captures = (Capture.of_frame(patches.camera, frame) for frame in frames)
         self._units = {capture: patches.order[drawn(np.ones(len(patches.order)), count, rng)] for capture in captures}
-        self._truth = self._rendered(TRUTH)
+        self._truth = self._rendered(TRUTH_QUALITY)
         self._errors: dict[str, _Errors] = {}
 
     def _rendered(self, quality: Quality) -> Colours:
@@ -258,7 +260,7 @@ class _DrivePixels:
     def errors(self, name: str) -> _Errors:
         """At settings, by their name."""
         if name not in self._errors:
-            self._errors[name] = _Errors(colour_errors(self._rendered(LADDER[name]), self._truth))
+            self._errors[name] = _Errors(colour_errors(self._rendered(ERROR_BOUND_QUALITIES[name]), self._truth))
         return self._errors[name]
 
     def keeps(self, name: str, bounds: Sequence[ErrorBound], scale: float) -> bool:
@@ -281,11 +283,11 @@ class _Checked:
             np.add.reduceat(weights, np.arange(0, len(weights), side), 0), np.arange(0, weights.shape[1], side), 1
         )
         weights = weights.reshape(-1)[patches.order]
-        chosen = drawn(weights, CHECKED if side == 1 else CHECKED_PATCHES, rng)
+        chosen = drawn(weights, IMAGE_SAMPLE_PIXELS if side == 1 else IMAGE_SAMPLE_PATCHES, rng)
         self.units = patches.order[chosen]
         self._owners = patches.owners(self.units)
         self._scale = weights.sum() / (weights[chosen] * patches.pixels)
-        self._truth = patches.rendered(capture, self.units, TRUTH)
+        self._truth = patches.rendered(capture, self.units, TRUTH_QUALITY)
 
     def _terms(self, of_pixels: FloatArray) -> FloatArray:
         """Return each patch's estimate of the image's mean (Hansen & Hurwitz 1943)."""
@@ -295,7 +297,10 @@ class _Checked:
         """A bound in an image of the same frame, beside the drive's errors at the same settings."""
         errors = colour_errors(self.patches.shown(image, self.units), self._truth)[bound.unit]
         terms, capped = self._terms(errors), self._terms(np.minimum(errors, drive.cap(bound)))
-        most = max(mean_at_most(terms, OF_IMAGE), mean_at_most(capped, OF_IMAGE) + WORST_MARGIN * drive.beyond(bound))
+        most = max(
+            mean_at_most(terms, IMAGE_STANDARD_ERRORS),
+            mean_at_most(capped, IMAGE_STANDARD_ERRORS) + WORST_ERROR_FACTOR * drive.beyond(bound),
+        )
         return BoundCheck(bound, float(terms.mean()), most)
 
 

@@ -20,14 +20,14 @@ from ..world.drive import Actor, Box, Camera, Lidar
 from ..world.replay import WorldState
 from .lattice import Region
 from .renderer import Renderer
-from .visibility import MOMENTS, SLACK_M, STATIC_SLACK_M, Reach, beside_lines_of_sight, copy_box
+from .visibility import BOX_SLACK_M, EXPOSURE_MOMENTS, STATIC_SLACK_M, Reach, beside_lines_of_sight, copy_box
 
 ItemT = TypeVar("ItemT")
-APPEARANCE = ("label", "appearance", "is_moving", "inserted", "is_ego_body", "scale")
+APPEARANCE_MEMBERS = ("label", "appearance", "is_moving", "inserted", "is_ego_body", "scale")
 """Members of an actor that say how it looks, beside its size."""
-MARGIN_PX = 2
+MESH_MARGIN_PX = 2
 """Meshes are traced by several rays about a pixel's middle."""
-REQUEST_PX = 1024
+REGION_COST_PX = 1024
 """Cost of another region, in pixels."""
 
 
@@ -62,9 +62,9 @@ class ChangedActor:
         ``keys_s`` are further times at which its box is wanted."""
         keys = np.concatenate([self.actor.world_from_actor.times_s, keys_s])
         inside = keys[(keys > self.start_s) & (keys < self.end_s)]
-        times = np.union1d(inside, np.linspace(self.start_s, self.end_s, MOMENTS))
+        times = np.union1d(inside, np.linspace(self.start_s, self.end_s, EXPOSURE_MOMENTS))
         poses = self.actor.world_from_actor.at(times)
-        beside = SLACK_M + overhang_m + _furthest_step(poses, float(np.linalg.norm(self.actor.size_m)) / 2)
+        beside = BOX_SLACK_M + overhang_m + _furthest_step(poses, float(np.linalg.norm(self.actor.size_m)) / 2)
         return SweptBox(
             times, poses, self.actor.size_m + 2 * (beside + (reach.shadow_m if self.actor.inserted else 0.0))
         )
@@ -98,7 +98,10 @@ class SweptBox:
         silhouette = covered(camera.model, local[:1] if (local == local[0]).all() else local, size)
         if silhouette is None:
             return Region(0, 0, 0, 0)
-        low, high = np.floor(silhouette[:2]) - MARGIN_PX - margin, np.ceil(silhouette[2:]) + MARGIN_PX + margin
+        low, high = (
+            np.floor(silhouette[:2]) - MESH_MARGIN_PX - margin,
+            np.ceil(silhouette[2:]) + MESH_MARGIN_PX + margin,
+        )
         # far outside of an image there are no integers
         low, high = np.clip(low, -1, 1 << 30), np.clip(high, -1, 1 << 30)
         return Region(int(low[0]), int(low[1]), int(high[0]), int(high[1])).within_image(camera.model)
@@ -203,7 +206,7 @@ def joined_where_cheaper(regions: Sequence[Region]) -> list[Region]:
             grown = False
             for other in joined:
                 both = region.joined(other)
-                if both.area <= region.area + other.area + REQUEST_PX:
+                if both.area <= region.area + other.area + REGION_COST_PX:
                     joined.remove(other)
                     region, grown = both, True
                     break
@@ -217,9 +220,9 @@ def _swept(
 ) -> list[SweptBox]:  # fmt: skip
     """Return what actors and boxes of the static world cover."""
     reach, overhang_m = renderer.reach, renderer.backend.overhang_m
-    times = np.linspace(state.start_s, state.end_s, MOMENTS)
+    times = np.linspace(state.start_s, state.end_s, EXPOSURE_MOMENTS)
     return [changed.swept(reach, overhang_m(changed.actor), keys_s) for changed in actors] + [
-        SweptBox(times, np.repeat(box.world_from_box[None], MOMENTS, 0), box.size_m + 2 * STATIC_SLACK_M)
+        SweptBox(times, np.repeat(box.world_from_box[None], EXPOSURE_MOMENTS, 0), box.size_m + 2 * STATIC_SLACK_M)
         for box in static
     ]
 
@@ -237,7 +240,7 @@ def _relit(
     ]
     if not meshes or not swept:
         return []
-    origins = camera.world_from_camera.at(np.linspace(state.start_s, state.end_s, MOMENTS))[:, :3, 3]
+    origins = camera.world_from_camera.at(np.linspace(state.start_s, state.end_s, EXPOSURE_MOMENTS))[:, :3, 3]
     corners = np.stack([box_corners(*box.bounds()) for box in (*meshes, *swept)])[:, None]
     return [
         mesh
@@ -252,7 +255,7 @@ def _only_in_either(old: dict[bytes, ItemT], new: dict[bytes, ItemT]) -> list[It
 
 def _is_unchanged(a: Actor, b: Actor, before: WorldState, after: WorldState) -> bool:
     """Return whether two states show the same of an actor."""
-    if any(getattr(a, name) != getattr(b, name) for name in APPEARANCE):
+    if any(getattr(a, name) != getattr(b, name) for name in APPEARANCE_MEMBERS):
         return False
     if a.size_m is not b.size_m and not np.array_equal(a.size_m, b.size_m):
         return False

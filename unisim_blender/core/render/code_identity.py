@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..files import sha256_of_file
 
-CORE = Path(__file__).parents[1]
+CORE_FOLDER = Path(__file__).parents[1]
 CODE_SUFFIXES = (".py", ".so", ".dll", ".dylib")
 NOT_RENDERING = (
     "actor_images",
@@ -35,7 +35,7 @@ def code_identity() -> dict[str, str]:
 
 
 @cache
-def code_digest(left_out: tuple[str, ...] = (), root: Path = CORE) -> str:
+def code_digest(left_out: tuple[str, ...] = (), root: Path = CORE_FOLDER) -> str:
     """A digest of the sources and native libraries below ``root``, less folders and modules of these names."""
     digest = hashlib.sha256()
     for path in sorted(p for p in root.rglob("*") if p.suffix in CODE_SUFFIXES and p.is_file()):

@@ -14,13 +14,13 @@ from ..colour import linear_from_srgb, srgb_from_linear
 from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
 from ..world.drive import Actor
 
-DARKEST = 0.6
+MAX_DARKENING = 0.6
 """How much light is kept off right under an actor."""
-REACH_M = 0.35
+SHADOW_DECAY_M = 0.35
 """How far beside an actor's footprint a shadow falls to a third; the same above its underside."""
-FOOTPRINT = 0.92
+FOOTPRINT_SCALE = 0.92
 """Of the box: bodies are rounder than their boxes."""
-NOTHING_M = 5 * REACH_M
+SHADOW_CUTOFF_M = 5 * SHADOW_DECAY_M
 
 
 def shaded(
@@ -37,15 +37,15 @@ def shaded(
             continue
         pose = actor.world_from_actor.at(time_s)
         half = np.asarray(actor.size_m) / 2
-        near = np.abs(flat - pose[:3, 3]).max(1) < half.max() + NOTHING_M
+        near = np.abs(flat - pose[:3, 3]).max(1) < half.max() + SHADOW_CUTOFF_M
         if not near.any():
             continue
         x, y, z = transform_points(invert_pose(pose), flat[near]).T
         beside = np.hypot(
-            np.maximum(np.abs(x) - FOOTPRINT * half[0], 0), np.maximum(np.abs(y) - FOOTPRINT * half[1], 0)
+            np.maximum(np.abs(x) - FOOTPRINT_SCALE * half[0], 0), np.maximum(np.abs(y) - FOOTPRINT_SCALE * half[1], 0)
         )
         height = np.abs(z + half[2])
-        blocked = DARKEST * np.exp(-(beside + height) / REACH_M)
+        blocked = MAX_DARKENING * np.exp(-(beside + height) / SHADOW_DECAY_M)
         light.reshape(-1)[near] *= 1 - blocked
     light = np.where(ground, light, 1.0)
     if light.min() == 1.0:

@@ -26,7 +26,7 @@ from ..geometry import FloatArray
 from ..native import BlockToleranceStruct, PlaneStruct
 from ..sensors.frames import CameraFrame
 from ..world.drive import CameraModel
-from .tracer import SIDE, Array, Maps
+from .tracer import BUNDLE_SIDE_RAYS, Array, Maps
 
 
 def fill_passes(
@@ -123,22 +123,22 @@ class Tile(NamedTuple):
         return (self.region.top, self.region.left) if self.first is None else self.first
 
 
-DISPARITY_RANGE = 0.1
+MAX_DISPARITY_RANGE = 0.1
 """Depths at corners that differ by more than this share lie on several surfaces, or on one that bends."""
-DISPARITY_TWIST = 0.01
+MAX_DISPARITY_TWIST = 0.01
 """So far may the corners' disparities be from one plane, as a share of the largest."""
 NEAR_BOXES = "near_boxes"
 """A map that says of pixels that something thinner than a block may be beside them: every pixel there is traced."""
-CONTRAST = 4.0
+EDGE_CONTRAST = 4.0
 """Where corners differ by more than this times what they may, something ends between them: nothing is predicted."""
-PREDICTED = 0.5
+PREDICTION_TOLERANCE = 0.5
 """So far may a middle be from its corners' mean, as a share of what these may differ by."""
 Blocks = NDArray[np.int64]
 """Rows and columns of blocks' first pixels (N, 2)."""
-LABELS = ("instance", "unsupported")
-KINDS = {"rgb": 0, "depth": 1, "normal": 2, NEAR_BOXES: 5, **dict.fromkeys(LABELS, 4)}
+LABEL_MAPS = ("instance", "unsupported")
+MAP_KINDS = {"rgb": 0, "depth": 1, "normal": 2, NEAR_BOXES: 5, **dict.fromkeys(LABEL_MAPS, 4)}
 """Kinds of maps in the kernels, by name; others are numbers, 3, or alike at all corners, 6."""
-MOST_CHANNELS = 4
+MAX_CHANNELS = 4
 
 
 @dataclass
@@ -203,11 +203,9 @@ def _planes(image: SparseImage) -> ctypes.Array[PlaneStruct] | None:
     planes = []
     for name, values in image.values.items():
         number = values.dtype.kind == "f"
-        kind = KINDS.get(name, 3 if number else 6)
+        kind = MAP_KINDS.get(name, 3 if number else 6)
         channels = values[0].size
-        if kind < 4 and (
-            values.dtype != np.float32 or channels > MOST_CHANNELS or (name == "normal" and channels != 3)
-        ):
+        if kind < 4 and (values.dtype != np.float32 or channels > MAX_CHANNELS or (name == "normal" and channels != 3)):
             return None
         if kind >= 4 and number:
             return None
@@ -218,7 +216,9 @@ def _planes(image: SparseImage) -> ctypes.Array[PlaneStruct] | None:
 
 
 def _likeness(spread: float) -> BlockToleranceStruct:
-    return BlockToleranceStruct(spread, CONTRAST * spread, PREDICTED * spread, DISPARITY_RANGE, DISPARITY_TWIST)
+    return BlockToleranceStruct(
+        spread, EDGE_CONTRAST * spread, PREDICTION_TOLERANCE * spread, MAX_DISPARITY_RANGE, MAX_DISPARITY_TWIST
+    )
 
 
 def _call(
@@ -236,7 +236,7 @@ def plain_differ(
     """Which blocks (N,) have corners that are not alike, and of which others their middles are to tell."""
     rgb = image.corners("rgb", blocks, size)
     range_of = (rgb.max(0) - rgb.min(0)).max(1)
-    apart = range_of > CONTRAST * spread
+    apart = range_of > EDGE_CONTRAST * spread
     if NEAR_BOXES in image.values:
         apart |= image.corners(NEAR_BOXES, blocks, size).any(0)
     for name in ("instance", "unsupported"):
@@ -247,7 +247,7 @@ def plain_differ(
         disparity = 1 / image.corners("depth", blocks, size)
         largest = disparity.max(0)
         twist = np.abs(disparity[0] + disparity[3] - disparity[1] - disparity[2])
-        apart |= (largest - disparity.min(0) > DISPARITY_RANGE * largest) | (twist > DISPARITY_TWIST * largest)
+        apart |= (largest - disparity.min(0) > MAX_DISPARITY_RANGE * largest) | (twist > MAX_DISPARITY_TWIST * largest)
     return apart, (range_of > spread) & ~apart
 
 
@@ -256,13 +256,13 @@ def plain_predicted(image: SparseImage, blocks: Blocks, size: int, spread: float
     y, x = (blocks + size // 2).T
     number = y * image.shape[1] + x
     rgb = image.corners("rgb", blocks, size)
-    alike = np.abs(image.values["rgb"][number] - rgb.mean(0)).max(1) <= PREDICTED * spread
+    alike = np.abs(image.values["rgb"][number] - rgb.mean(0)).max(1) <= PREDICTION_TOLERANCE * spread
     for name in ("instance", "unsupported"):
         if name in image.values:
             alike &= image.values[name][number] == image.corners(name, blocks, size)[0]
     if "depth" in image.values:
         disparity = 1 / image.corners("depth", blocks, size)
-        alike &= np.abs(1 / image.values["depth"][number] - disparity.mean(0)) <= DISPARITY_TWIST * disparity.max(0)
+        alike &= np.abs(1 / image.values["depth"][number] - disparity.mean(0)) <= MAX_DISPARITY_TWIST * disparity.max(0)
     return alike
 
 
@@ -384,7 +384,7 @@ def _take(image: SparseImage, numbers: NDArray[np.int64], stride: int, trace: Tr
     numbers = numbers[~known[numbers]]
     if len(numbers) == 0:
         return
-    side, width = SIDE * stride, image.shape[1]
+    side, width = BUNDLE_SIDE_RAYS * stride, image.shape[1]
     y, x = np.divmod(numbers, width)
     tile = y // side * (width // side + 1) + x // side
     # numpy counts what fits in sixteen bits, and merges the rest

@@ -33,15 +33,15 @@ from ..world.drive import Camera, Lidar
 from ..world.replay import DriveStates
 from .tracer import NEAR_M, Backend
 
-VERSION = 1
+SPACE_VERSION = 1
 """Another one whenever the same scene gives another space."""
-MOST_FRAMES = 10
+MAX_FRAMES_PER_SENSOR = 10
 """Of each sensor, frames whose rays are followed."""
-COLUMNS, BEAMS = 128, 24
+IMAGE_COLUMNS, SWEEP_BEAMS = 128, 24
 """About how many rays an image is wide, and how many beams of a sweep are followed."""
-AZIMUTHS, ELEVATIONS = 180, 90
+AZIMUTH_CELLS, ELEVATION_CELLS = 180, 90
 """Parts of all directions by which the background is known, two degrees each way."""
-BESIDE = 2
+DILATION_CELLS = 2
 """How many parts beside one in which the background was seen count like it."""
 MAX_CACHED_SCENES = 64
 """Largest number of scenes whose observed spaces stay in the cache folder."""
@@ -169,8 +169,8 @@ def direction_parts(directions: FloatArray) -> tuple[NDArray[np.int64], NDArray[
     """Rows and columns (N,) of directions (N, 3) among the parts by which the background is known."""
     elevation = np.arcsin(np.clip(directions[:, 2], -1, 1)) / np.pi + 0.5
     azimuth = np.arctan2(directions[:, 1], directions[:, 0]) / (2 * np.pi) + 0.5
-    rows = np.clip((elevation * ELEVATIONS).astype(np.int64), 0, ELEVATIONS - 1)
-    return rows, (azimuth * AZIMUTHS).astype(np.int64) % AZIMUTHS
+    rows = np.clip((elevation * ELEVATION_CELLS).astype(np.int64), 0, ELEVATION_CELLS - 1)
+    return rows, (azimuth * AZIMUTH_CELLS).astype(np.int64) % AZIMUTH_CELLS
 
 
 def clearance(marked: BoolArray) -> NDArray[np.uint8]:
@@ -213,7 +213,7 @@ def observe_space(
     observing = _Observing(header, shown.shape, voxel_m)
     drive, training = header.drive, header.training
     frames = [frame for frame in training.get("frames", ()) if frame in drive.time_s] or list(drive.frames)
-    frames = frames[:: -(-len(frames) // MOST_FRAMES)]
+    frames = frames[:: -(-len(frames) // MAX_FRAMES_PER_SENSOR)]
     outlines = outlines_from_json(training.get("own_vehicle"))
     states = DriveStates(drive, backend.parked)
     appearances: list[tuple[Camera | Lidar, Callable[[float], Rays], float]] = []
@@ -243,7 +243,7 @@ def observe_space(
 
 def _image_rays(camera: Camera, outline: tuple[Outline, int] | None) -> Callable[[float], Rays]:
     """Return a function that gives some of a camera's rays at a time, the recording vehicle's own body left out."""
-    u, v = pixel_grid(camera.model, max(1, camera.model.width // COLUMNS))
+    u, v = pixel_grid(camera.model, max(1, camera.model.width // IMAGE_COLUMNS))
     if not camera.model.is_pinhole:
         shown = has_direction(camera.model, u, v)
         u, v = u[shown], v[shown]
@@ -255,7 +255,7 @@ def _image_rays(camera: Camera, outline: tuple[Outline, int] | None) -> Callable
 
 def _sweep_rays(lidar: Lidar) -> Callable[[float], Rays]:
     """Return a function that gives a subset of the beams of a LiDAR's sweep at a time."""
-    every, beside = max(1, lidar.model.beams // BEAMS), max(1, lidar.model.columns // 720)
+    every, beside = max(1, lidar.model.beams // SWEEP_BEAMS), max(1, lidar.model.columns // 720)
 
     def rays_at(time_s: float) -> Rays:
         rays = lidar_rays(lidar, time_s)
@@ -271,7 +271,7 @@ class _Observing:
         self.volume_from_world = invert_pose(np.asarray(header.volume["world_from_volume"], np.float64))
         self.size_m, self.voxel_m = np.asarray(header.volume["size_m"], np.float64), voxel_m
         self.passed = np.zeros(shape, bool)
-        self.background = np.zeros((ELEVATIONS, AZIMUTHS), bool)
+        self.background = np.zeros((ELEVATION_CELLS, AZIMUTH_CELLS), bool)
 
     def add(self, rays: Rays, depth_m: NDArray[Any], images: bool) -> None:
         """Note what rays (N,) pass through before depths (N,), inf where nothing stops them; of images,
@@ -303,25 +303,28 @@ def closed(passed: BoolArray) -> BoolArray:
 
 
 def spread(background: BoolArray) -> BoolArray:
-    """Directions (elevations, azimuths) with those within `BESIDE` parts; azimuths go round."""
-    padded = np.pad(np.pad(background, ((0, 0), (BESIDE, BESIDE)), mode="wrap"), ((BESIDE, BESIDE), (0, 0)))
-    for _ in range(BESIDE):
+    """Directions (elevations, azimuths) with those within `DILATION_CELLS` parts; azimuths go round."""
+    padded = np.pad(
+        np.pad(background, ((0, 0), (DILATION_CELLS, DILATION_CELLS)), mode="wrap"),
+        ((DILATION_CELLS, DILATION_CELLS), (0, 0)),
+    )
+    for _ in range(DILATION_CELLS):
         padded = dilated(padded)
-    return padded[BESIDE:-BESIDE, BESIDE:-BESIDE]
+    return padded[DILATION_CELLS:-DILATION_CELLS, DILATION_CELLS:-DILATION_CELLS]
 
 
 def cached_space(header: SceneHeader, shown: NDArray[Any], voxel_m: float) -> ObservedSpace | None:
     """A scene's observed space from the user's cache folder; None where it is not there or broken."""
     with suppress(OutputError, KeyError):
         arrays = read_arrays(_file(header), OutputError)
-        bits = {"passed": shown.size, "background": ELEVATIONS * AZIMUTHS}
+        bits = {"passed": shown.size, "background": ELEVATION_CELLS * AZIMUTH_CELLS}
         if all(
             arrays[name].dtype == np.uint8 and arrays[name].shape == (-(-count // 8),) for name, count in bits.items()
         ):
             passed = np.unpackbits(arrays["passed"], count=shown.size).reshape(shown.shape).astype(bool)
-            background = np.unpackbits(arrays["background"], count=ELEVATIONS * AZIMUTHS)
+            background = np.unpackbits(arrays["background"], count=ELEVATION_CELLS * AZIMUTH_CELLS)
             empty = _Observing(header, (1, 1, 1), voxel_m)
-            seen = background.reshape(ELEVATIONS, AZIMUTHS).astype(bool)
+            seen = background.reshape(ELEVATION_CELLS, AZIMUTH_CELLS).astype(bool)
             return ObservedSpace(empty.volume_from_world, empty.size_m, voxel_m, np.asarray(shown) > 0, passed, seen)
     return None
 
@@ -338,7 +341,9 @@ def cache_space(header: SceneHeader, space: ObservedSpace) -> None:
 
 def _file(header: SceneHeader) -> Any:
     about = json.dumps(
-        [VERSION, COLUMNS, BEAMS, MOST_FRAMES, header.training, header.volume], sort_keys=True, default=str
+        [SPACE_VERSION, IMAGE_COLUMNS, SWEEP_BEAMS, MAX_FRAMES_PER_SENSOR, header.training, header.volume],
+        sort_keys=True,
+        default=str,
     )
     identity = f"{about} {weights_hash(header.path)}"
     return cache_folder() / "observed" / f"{hashlib.sha256(identity.encode()).hexdigest()}.npz"

@@ -29,7 +29,7 @@ class Quality:
     spread: float = 0.025
 
 
-QUALITY = {
+QUALITIES = {
     "fast": Quality(samples=0.67, stride_m=0.4, relaxation=4.0, splits=2, opaque=1e-2, spread=0.05),
     "balanced": Quality(),
     "fine": Quality(
@@ -39,25 +39,25 @@ QUALITY = {
 }
 """By name, the cheapest first. ``reference`` takes the very samples that torch takes."""
 
-LADDER = {
-    "fast": QUALITY["fast"],
-    "balanced": QUALITY["balanced"],
+ERROR_BOUND_QUALITIES = {
+    "fast": QUALITIES["fast"],
+    "balanced": QUALITIES["balanced"],
     "step 10 cm": Quality(samples=1.5, background=2.0, stride_m=0.1, relaxation=1.5, splits=4, opaque=1e-3),
-    "step 5 cm": replace(QUALITY["fine"], lattice=4, spread=0.02),
+    "step 5 cm": replace(QUALITIES["fine"], lattice=4, spread=0.02),
     "step 3 cm": Quality(
         samples=4.0, background=4.0, stride_m=0.03, relaxation=0.7, splits=5, opaque=3e-4, lattice=2, spread=0.02
     ),
     "step 1 cm": Quality(samples=8.0, background=8.0, stride_m=0.01, relaxation=0.35, splits=6, opaque=1e-4, lattice=1),
-    "8 times the samples": replace(QUALITY["reference"], samples=8.0, background=8.0),
+    "8 times the samples": replace(QUALITIES["reference"], samples=8.0, background=8.0),
 }
 """Qualities that an error bound chooses from, by name, the cheapest and least exact first."""
 
-TRUTH = replace(QUALITY["reference"], samples=16.0, background=8.0)
+TRUTH_QUALITY = replace(QUALITIES["reference"], samples=16.0, background=8.0)
 """Reference quality, which errors are measured against."""
 
 
 def quality_named(name: str) -> Quality:
     """The quality of that name; SceneError lists the names."""
-    if name not in QUALITY:
-        raise SceneError(f"no quality {name!r}: there are {', '.join(QUALITY)}")
-    return QUALITY[name]
+    if name not in QUALITIES:
+        raise SceneError(f"no quality {name!r}: there are {', '.join(QUALITIES)}")
+    return QUALITIES[name]

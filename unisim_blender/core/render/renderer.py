@@ -32,15 +32,15 @@ from ..sensors.rays import Rays
 from ..sensors.unprojection import has_direction, image_mask, least_pixels_per_rad
 from ..world.drive import Actor, Camera, Lidar
 from ..world.replay import WorldState
-from .contact_shadow import NOTHING_M, shaded
+from .contact_shadow import SHADOW_CUTOFF_M, shaded
 from .lattice import NEAR_BOXES, Region, SparseImage, Tile, aligned, fill_passes, progressive_strides
 from .quality import Quality
 from .tracer import NEAR_M, Array, Backend, Maps, Tracer
 from .visibility import Reach
 
-LATTICE_PIXELS = 1.5
+MAX_LATTICE_SPACING_PX = 1.5
 """Widest spacing of a lattice, in pixels of the images that the scene was trained on."""
-LEAST_WIDTH = 16
+MIN_PREVIEW_WIDTH_PX = 16
 """Least width of a preview, in pixels."""
 
 
@@ -153,7 +153,7 @@ class Renderer:
         model = camera.model
         for stride in coarse if region == whole else ():
             early = ("rgb", "unsupported") if "unsupported" in passes else ("rgb",)
-            small = camera.resized(max(LEAST_WIDTH, model.width // stride))
+            small = camera.resized(max(MIN_PREVIEW_WIDTH_PX, model.width // stride))
             preview = self.render(state, small, time_s, early)
             height, across = preview.rgb.shape[:2]
             y, x = model.height / height, model.width / across
@@ -212,7 +212,7 @@ class Renderer:
         """Return the spacing of the lattice in pixels. An image wider than those that the scene was trained on shows
         little detail that is smaller than their pixels."""
         scale = camera.model.width / (tracer.trained_width or camera.full_width or camera.model.width)
-        return min(tracer.quality.lattice, 2 ** int(np.log2(max(LATTICE_PIXELS * scale, 1.0))))
+        return min(tracer.quality.lattice, 2 ** int(np.log2(max(MAX_LATTICE_SPACING_PX * scale, 1.0))))
 
     def _block(self, exposure: _Exposure, region: Region, whole: Region) -> CameraFrame:
         """Render a region by tracing all of its cells, and those around it that the decoder reads."""
@@ -393,7 +393,7 @@ def _needed(passes: Sequence[str], shades: bool) -> set[str]:
 
 def reach_of(shadows: bool) -> Reach:
     """Return how far a frame depends on what its own rays do not hit, with contact shadows or without."""
-    return Reach(shadow_m=NOTHING_M if shadows else 0.0, light_m=PROBE_M + 1.0)
+    return Reach(shadow_m=SHADOW_CUTOFF_M if shadows else 0.0, light_m=PROBE_M + 1.0)
 
 
 def _laid_over(below: Array, above: Array | float, opacity: Array) -> Array:

@@ -21,8 +21,8 @@ from ..world.replay import WorldState
 from .changes import RenderedState, changed_beams, changed_regions, standing_pose
 from .renderer import Renderer
 
-PASSES = ("rgb", "depth_m", "z_depth_m", "normal", "instance", "opacity", "unsupported")
-REUSE_LIMIT = 0.7
+PASS_FIELDS = ("rgb", "depth_m", "z_depth_m", "normal", "instance", "opacity", "unsupported")
+MAX_CHANGED_SHARE = 0.7
 """Where a larger part of a frame may differ, all of it is rendered."""
 
 
@@ -98,11 +98,11 @@ def _image(
     """Return an image of which parts are reused; None where that would save too little."""
     regions = changed_regions(renderer, last, rendered, camera)
     area = camera.model.width * camera.model.height
-    if regions is None or sum(region.area for region in regions) > REUSE_LIMIT * area:
+    if regions is None or sum(region.area for region in regions) > MAX_CHANGED_SHARE * area:
         return None
     frame = replace(before, model=camera.model_at(time_s), stats=RenderStats())
     frame.instances = renderer.tracer(rendered.state).active.uids
-    arrays = {name: values for name in PASSES if (values := getattr(before, name)) is not None}
+    arrays = {name: values for name in PASS_FIELDS if (values := getattr(before, name)) is not None}
     if "instance" in arrays:
         arrays["instance"] = _renumbered(arrays["instance"], before.instances, frame.instances)
     if regions:
@@ -126,7 +126,7 @@ def _sweep(
     if not np.array_equal(rays.directions, before.directions) or not np.array_equal(rays.origins, before.origins):
         return None
     changed = changed_beams(renderer, last, rendered, lidar, rays)
-    if changed is None or changed.mean() > REUSE_LIMIT:
+    if changed is None or changed.mean() > MAX_CHANGED_SHARE:
         return None
     uids = renderer.tracer(rendered.state).active.uids
     depth, intensity, probability = before.depth_m, before.intensity, before.return_probability

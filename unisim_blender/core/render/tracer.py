@@ -109,9 +109,9 @@ Maps = dict[str, NDArray[Any]]
 """One array (N, ...) for each pass."""
 NEAR_M = 0.5
 """Nothing nearer to a sensor is looked at."""
-SIDE = 8
+BUNDLE_SIDE_RAYS = 8
 """Of the square of rays that are traced together."""
-EDGE_CELLS = 8
+FOREIGN_EDGE_CELLS = 8
 """How far past its edges a foreign actor is carried on, for the decoder to look at."""
 UNIFORM_STEP_M = 0.2
 """Step of a uniform march through the volume, metres: the baseline that saved samples are counted against."""
@@ -197,8 +197,12 @@ def tiled(shape: tuple[int, ...]) -> NDArray[np.int64]:
     if len(shape) < 2:
         return numbers
     h, w = shape
-    rows, columns = -(-h // SIDE) * SIDE, -(-w // SIDE) * SIDE
+    rows, columns = -(-h // BUNDLE_SIDE_RAYS) * BUNDLE_SIDE_RAYS, -(-w // BUNDLE_SIDE_RAYS) * BUNDLE_SIDE_RAYS
     padded = np.full((rows, columns), -1, np.int64)
     padded[:h, :w] = numbers
-    order = padded.reshape(rows // SIDE, SIDE, columns // SIDE, SIDE).swapaxes(1, 2).reshape(-1)
+    order = (
+        padded.reshape(rows // BUNDLE_SIDE_RAYS, BUNDLE_SIDE_RAYS, columns // BUNDLE_SIDE_RAYS, BUNDLE_SIDE_RAYS)
+        .swapaxes(1, 2)
+        .reshape(-1)
+    )
     return np.ascontiguousarray(order[order >= 0])

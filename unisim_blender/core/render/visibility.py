@@ -19,9 +19,9 @@ from ..world.replay import PaddedKeys, WorldState
 
 PAD_PIXELS = 4
 """Cells of several pixels may reach so far beyond an image's edges."""
-MOMENTS = 5
+EXPOSURE_MOMENTS = 5
 """Number of times in an exposure at which boxes are tested against the frustum."""
-SLACK_M = 0.05
+BOX_SLACK_M = 0.05
 STATIC_SLACK_M = 0.5
 """How far beside a removed box the static world may have been changed."""
 _CORNERS = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5], indexing="ij"), -1).reshape(8, 3)
@@ -45,7 +45,7 @@ def seen_by(state: WorldState, sensor: Camera | Lidar, reach: Reach) -> WorldSta
     if reach.whole:
         return replace(state, actors=actors)
     boxes = [copy_box(copy) for copy in state.static_copies] + list(state.removed_boxes)
-    moments = np.linspace(state.start_s, state.end_s, MOMENTS)
+    moments = np.linspace(state.start_s, state.end_s, EXPOSURE_MOMENTS)
     corners = np.concatenate([_actor_corners(actors, moments, reach), _box_corners(boxes, len(moments))])
     if isinstance(sensor, Lidar):
         keep = _in_range(corners, sensor, moments)
@@ -103,7 +103,7 @@ def _in_frustum(corners: FloatArray, model: CameraModel, poses: FloatArray) -> B
     planes /= np.linalg.norm(planes, axis=1, keepdims=True)
     # how far a box moves in the camera's frame from one moment to the next
     moved = np.linalg.norm(np.diff(local, axis=1), axis=-1).max((1, 2), initial=0.0)
-    inside = (local @ planes.T).max(2) + (moved + SLACK_M)[:, None, None] >= 0
+    inside = (local @ planes.T).max(2) + (moved + BOX_SLACK_M)[:, None, None] >= 0
     return np.asarray(inside.all(-1).any(-1))
 
 
@@ -111,7 +111,7 @@ def _in_cone(local: FloatArray, model: CameraModel) -> BoolArray:
     """Return which boxes, corners (N, T, 8, 3) in the camera's frame, the cone of an image's rays may touch at some time."""
     middle = local.mean(2)
     moved = np.linalg.norm(np.diff(local, axis=1), axis=-1).max((1, 2), initial=0.0)
-    radii = np.linalg.norm(local - middle[:, :, None], axis=-1).max(-1) + (moved + SLACK_M)[:, None]
+    radii = np.linalg.norm(local - middle[:, :, None], axis=-1).max(-1) + (moved + BOX_SLACK_M)[:, None]
     return np.asarray(spheres_in_cone(middle, radii, view_half_angle(model, PAD_PIXELS)).any(-1))
 
 

@@ -13,7 +13,7 @@ from ..files import write_file
 from ..formats.rendered import DRIVE_NAME, FORMAT
 from ..json_file import json_bytes
 from ..render.code_identity import code_identity
-from ..render.quality import LADDER
+from ..render.quality import ERROR_BOUND_QUALITIES
 from ..world.captures import CaptureKey, Moment, name_of, time_of_name
 from ..world.drive import Appearance
 from ..world.drive_json import drive_to_json
@@ -111,7 +111,7 @@ def _bounded(plan: RenderPlan, moments: dict[str, Captures]) -> dict[str, Any]:
             "bounds": list(plan.settings.max_error),
             "kept": not broken,
             "not_kept": broken,
-            "settings": {name: asdict(quality) for name, quality in LADDER.items() if name in used},
+            "settings": {name: asdict(quality) for name, quality in ERROR_BOUND_QUALITIES.items() if name in used},
             "frames": of_moments,
         }
     }

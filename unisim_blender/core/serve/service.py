@@ -62,7 +62,7 @@ def encoded(rgb: NDArray[np.uint8], kind: str, quality: float) -> bytes:
     return file.getvalue()
 
 
-def sweep_of(request: SweepRequest, wanted: Wanted) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def sweep_returns(request: SweepRequest, wanted: Wanted) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Render a sweep: the returns (N, 3) in the LiDAR's frame at the sweep's end, and their intensities (N,) from 0 to 1."""
     if not wanted():
         raise NotWantedError
@@ -195,7 +195,7 @@ class Sensorsim:
 
         def work(wanted: Wanted) -> tuple[Any, Any]:
             request = sweep_request(scene, message, at)
-            points, intensity = sweep_of(request, wanted)
+            points, intensity = sweep_returns(request, wanted)
             name, time_us = request.capture.sensor_id, request.capture.time_us
             mount = scene.rig_from_sensor[name]
             for_drivers = sweep_message(name, time_us, mount, points.astype(np.float64), intensity)

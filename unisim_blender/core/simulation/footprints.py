@@ -31,7 +31,7 @@ def distances(a: FloatArray, b: FloatArray) -> FloatArray:
     box."""
     least = np.full(np.broadcast_shapes(a.shape, b.shape)[:-1], np.inf)
     for box, other in ((a, b), (b, a)):
-        offset = box_corners(other) - box[..., None, :2]
+        offset = footprint_corners(other) - box[..., None, :2]
         along = directions(box[..., 4])[..., None, :]
         across = np.stack([-along[..., 1], along[..., 0]], -1)
         beyond = [
@@ -96,7 +96,7 @@ def directions(headings_rad: FloatArray) -> FloatArray:
     return np.stack([np.cos(headings_rad), np.sin(headings_rad)], -1)
 
 
-def box_corners(boxes: FloatArray) -> FloatArray:
+def footprint_corners(boxes: FloatArray) -> FloatArray:
     """Corners (..., 4, 2) of boxes (..., 5): front left, rear left, rear right, front right."""
     along = directions(boxes[..., 4])
     across = np.stack([-along[..., 1], along[..., 0]], -1)

@@ -29,7 +29,7 @@ from ..render.tracers.torch.trace import trace
 from .batches.data import PatchBatch
 from .batches.images import PixelDraw
 from .batches.sweeps import LidarBatch
-from .losses.terms import as_shown, colour_squares, distortion, lidar_terms, shifted
+from .losses.terms import as_shown, colour_squares, distortion, lidar_terms, shifted_patches
 from .setup import TrainingSetup
 
 T = TypeVar("T")
@@ -185,7 +185,7 @@ class LossBranches:
             terms["perceptual"] = w.perceptual * setup.perceptual(as_shown(image, patch.shown), real)
         fake = None
         if setup.adversary and done >= c.poses_from:
-            beside = shifted(patch, generator)
+            beside = shifted_patches(patch, generator)
             fake = self._decode(trace(setup.model, active, beside.rays, sampling).feature, beside, generator)
             fake = as_shown(fake, beside.shown)
             terms["adversarial"] = w.adversarial * setup.adversary.generator_loss(fake)

@@ -25,7 +25,7 @@ from ..model.scene import SceneModel
 from ..model.scene_file import SceneHeader
 from ..ops.ray_segments import RayBatch
 from ..render.captures import render_image, states_of
-from ..render.quality import QUALITY
+from ..render.quality import QUALITIES
 from ..render.renderer import Renderer
 from ..render.tracer import NEAR_M
 from ..render.tracers.compiled.scene import cells_to_store
@@ -55,7 +55,7 @@ def observe(scene: TorchScene, cameras: Sequence[str], frames: Sequence[int], po
     for part in points:
         seen[model.occupancy.cells(torch.as_tensor(transform_points(into, part)).float().to(seen.device))] = 1
     drive = scene.header.drive
-    backend = TorchBackend(scene, QUALITY["fast"])
+    backend = TorchBackend(scene, QUALITIES["fast"])
     states = DriveStates(drive, backend.parked)
     outlines = outlines_from_json(scene.header.training.get("own_vehicle"))
     for camera in cameras:
@@ -151,7 +151,7 @@ def _as_scene(trainer: Trainer, out: Path) -> TorchScene:
         return TorchScene(out, header_of(trainer, out), trainer.model, trainer.model.actors.tables())
 
 
-def finish(trainer: Trainer, out: Path) -> SceneHeader:
+def write_scene(trainer: Trainer, out: Path) -> SceneHeader:
     """Free what was never seen, note which voxels the recording supports, write the scene."""
     for parameter in trainer.model.parameters():
         parameter.grad = None
@@ -180,7 +180,7 @@ def preview(trainer: Trainer, file: Path) -> None:
     width = min(PREVIEW_WIDTH, trainer.cameras.cameras[name].model.width)
     trainer.model.eval()
     scene = _as_scene(trainer, file.parent)
-    renderer = Renderer(TorchBackend(scene, QUALITY["fast"]))
+    renderer = Renderer(TorchBackend(scene, QUALITIES["fast"]))
     states = states_of(renderer, scene.header.drive)
     rendered = render_image(renderer, states, Capture.of_frame(states.camera(name), frame), width=width)
     trainer.model.train()

@@ -18,7 +18,7 @@ from ..model.scene_file import SceneHeader
 from ..progress import Bar
 from .checkpoint import CHECKPOINT, load_checkpoint, save_checkpoint
 from .config import TrainConfig
-from .export import finish, preview
+from .export import preview, write_scene
 from .poses import disturbed, with_drive
 from .trainer import Trainer
 
@@ -52,7 +52,7 @@ def train(log: Log, config: TrainConfig, out: Path, resume: bool = False, quiet:
         save_checkpoint(file, trainer)
         raise KeyboardInterrupt
     save_checkpoint(file, trainer)
-    return finish(trainer, out)
+    return write_scene(trainer, out)
 
 
 def _check_device(name: str) -> None:

@@ -19,7 +19,7 @@ from scipy import ndimage
 from ..geometry import FloatArray, invert_pose, transform_points
 from ..model.config import ModelConfig
 from ..model.occupancy import BESIDE, FREE, HIT, UNKNOWN
-from ..model.shapes import MOST_VOXELS, cells_of, check_sizes
+from ..model.shapes import MAX_VOXELS, cells_of, check_sizes
 from ..model.volume import Volume, driven_m, winds
 from ..ops.constants import GROUND_CELL_M
 from ..world.drive import Drive
@@ -217,7 +217,7 @@ def sized(config: ModelConfig, drive: Drive, volume: Volume) -> ModelConfig:
     """Return the shapes of a drive's model. Raises `SceneError` where the drive is too long for one.
 
     The static grid has rows in proportion to how far the drive goes, in powers of 2: those of a drive of less than 290 m are as
-    they are. Voxels are as large as they must be for no more than `MOST_VOXELS` of them, in a volume of 900 by 900 m or more.
+    they are. Voxels are as large as they must be for no more than `MAX_VOXELS` of them, in a volume of 900 by 900 m or more.
     """
     volume.check(f"{drive.name}: too long for one scene, train parts of it: the volume's size_m")
     length = driven_m(_poses(drive)) + SEEN_BEYOND_M
@@ -225,7 +225,7 @@ def sized(config: ModelConfig, drive: Drive, volume: Volume) -> ModelConfig:
     grid = config.static_grid
     rows = max(grid.log2_table, min(grid.log2_table + doubled, MOST_ROWS_LOG2))
     shapes = config if rows == grid.log2_table else replace(config, static_grid=replace(grid, log2_table=rows))
-    while math.prod(cells_of(volume.size_m, shapes.voxel_m)) > MOST_VOXELS:
+    while math.prod(cells_of(volume.size_m, shapes.voxel_m)) > MAX_VOXELS:
         shapes = replace(shapes, voxel_m=round(shapes.voxel_m + VOXEL_STEP_M, 3))
     check_sizes(shapes, volume, drive.name)
     return shapes

@@ -45,6 +45,7 @@ def keyframes(
     Where a pose is the recorded one, its key has the recorded numbers. A key between frames is the recorded one with
     the displacement and the rotation interpolated from the frames next to it.
     """
+    assert poses.shape == (len(clock.frames), 4, 4), (poses.shape, len(clock.frames))
     at = np.flatnonzero(there)
     times, positions = clock.times_s[at], poses[at, :3, 3]
     quaternions = quaternion_from_matrix(poses[at, :3, :3])

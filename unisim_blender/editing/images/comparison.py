@@ -108,6 +108,7 @@ def difference(
 ) -> NDArray[np.float32]:
     """Return |recorded - rendered| times ``gain`` of images (H, W, 3), eight-bit sRGB, as linear premultiplied RGBA
     (H, W, 4); transparent where the recorded image does not cover the view (H, W)."""
+    assert recorded.shape == rendered.shape == (*covered.shape, 3), (recorded.shape, rendered.shape, covered.shape)
     apart = np.abs(recorded.astype(np.int16) - rendered)
     out = np.empty((*covered.shape, 4), np.float32)
     out[..., :3] = LINEAR[np.minimum(np.rint(apart * np.float32(gain)), 255).astype(np.uint8)]
@@ -121,6 +122,7 @@ def errors(
 ) -> tuple[float, float] | None:
     """Return the mean absolute error, in steps of eight bits, and the PSNR in dB of images (H, W, 3) where the recorded
     one covers the view (H, W); None where it does so nowhere."""
+    assert recorded.shape == rendered.shape == (*covered.shape, 3), (recorded.shape, rendered.shape, covered.shape)
     if not covered.any():
         return None
     apart = (recorded.astype(np.int16) - rendered)[covered].astype(np.float32)
@@ -131,6 +133,7 @@ def errors(
 
 def hatched(image: NDArray[np.float32], unsupported: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Return a linear premultiplied image (H, W, 4) with diagonal red stripes over unsupported pixels (H, W)."""
+    assert image.shape == (*unsupported.shape, 4), (image.shape, unsupported.shape)
     height, width = unsupported.shape
     stripes = (np.arange(height + width) // STRIPE_PX) % 2 == 0
     diagonal = np.lib.stride_tricks.sliding_window_view(stripes, width)[:height]  # pixel (y, x) is of stripe y + x
@@ -161,7 +164,7 @@ class RecordedImageRequest:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class ShownImage:
     """A recorded image at a view's size, lowest row first: ``srgb`` (H, W, 3) eight bits, ``covered`` (H, W) where the
     camera recorded something, ``linear`` (H, W, 4) premultiplied. ``problem`` is a sentence where it cannot be read;
     the rest is then empty."""
@@ -179,10 +182,10 @@ class RecordedImages:
         self._lock = threading.Lock()
         self._pool: ThreadPoolExecutor | None = None
         self._decoded: OrderedDict[tuple[str, str, int], NDArray[np.uint8]] = OrderedDict()
-        self._shown: OrderedDict[tuple[object, ...], Shown] = OrderedDict()
+        self._shown: OrderedDict[tuple[object, ...], ShownImage] = OrderedDict()
         self._loading: set[tuple[object, ...]] = set()
 
-    def get(self, request: RecordedImageRequest) -> Shown | None:
+    def get(self, request: RecordedImageRequest) -> ShownImage | None:
         """The image, if it is there; else it is fetched, and there a few drawings later."""
         with self._lock:
             shown = self._shown.get(request.key)
@@ -242,7 +245,7 @@ class RecordedImages:
         return image
 
 
-def resampled(image: NDArray[np.uint8], placement: ImagePlacement) -> Shown:
+def resampled(image: NDArray[np.uint8], placement: ImagePlacement) -> ShownImage:
     """Return a recorded image (H, W, 3), first row on top, as it lies in a view: where it gets smaller each pixel is
     the mean of what it covers, where it gets larger colours are interpolated, where it stays as it is none changes."""
     from PIL import Image
@@ -260,8 +263,8 @@ def resampled(image: NDArray[np.uint8], placement: ImagePlacement) -> Shown:
     linear = np.zeros((height, width, 4), np.float32)
     linear[..., :3] = LINEAR[srgb]
     linear[..., 3] = covered
-    return Shown(srgb, covered, linear)
+    return ShownImage(srgb, covered, linear)
 
 
-def _failed(problem: str) -> Shown:
-    return Shown(np.zeros((0, 0, 3), np.uint8), np.zeros((0, 0), bool), np.zeros((0, 0, 4), np.float32), problem)
+def _failed(problem: str) -> ShownImage:
+    return ShownImage(np.zeros((0, 0, 3), np.uint8), np.zeros((0, 0), bool), np.zeros((0, 0, 4), np.float32), problem)

@@ -48,6 +48,10 @@ PointColours = NDArray[np.float32]
 def point_colours(kind: str, by: str, attributes: Mapping[str, NDArray[np.generic]], count: int) -> PointColours:
     """Colours (N, 4) of ``count`` points of a kind, by ONE, INTENSITY, DEPTH or INSTANCE of their attributes (N,);
     where there are no instances, by class. Points without what is asked for are grey."""
+    assert all(len(values) == count for values in attributes.values()), (
+        count,
+        {name: len(values) for name, values in attributes.items()},
+    )
     if by == "ONE":
         return _opaque(np.tile(CLOUD_COLOURS[kind], (count, 1)))
     if by == "INTENSITY" and "intensity" in attributes:

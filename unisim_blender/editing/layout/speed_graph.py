@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...core.geometry import FloatArray
-from ..motion.kinematics import QUANTITIES, Compared, MotionProfile
+from ..motion.kinematics import QUANTITIES, MotionComparison, MotionProfile
 from ..texts import Text, series
 from .chart import ticks
 
@@ -34,7 +34,7 @@ Colour = tuple[float, float, float, float]
 
 
 @dataclass
-class Shapes:
+class GraphShapes:
     """Triangles (3 T, 2) with a colour for each corner, and texts as (text, x, y, colour), y up from the
     graph's lower left."""
 
@@ -61,7 +61,7 @@ class Shapes:
 
 
 @dataclass(frozen=True)
-class Axes:
+class GraphAxes:
     """Scales of times and speeds in the graph, in pixels."""
 
     first_s: float
@@ -78,16 +78,16 @@ class Axes:
         return np.asarray(BOTTOM + np.asarray(speed_m_s) / self.top_m_s * (HEIGHT - TOP - BOTTOM))
 
 
-def axes_of(graph: Compared) -> Axes:
+def axes_of(graph: MotionComparison) -> GraphAxes:
     """Return axes that hold both curves from 0 up."""
     speeds = np.concatenate([graph.now.speed_m_s, graph.recorded.speed_m_s if graph.recorded is not None else []])
     top = float(np.nanmax(speeds)) if np.isfinite(speeds).any() else 0.0
-    return Axes(float(graph.now.times_s[0]), float(graph.now.times_s[-1]), max(1.15 * top, 2.0))
+    return GraphAxes(float(graph.now.times_s[0]), float(graph.now.times_s[-1]), max(1.15 * top, 2.0))
 
 
-def curves(graph: Compared) -> Shapes:
+def curves(graph: MotionComparison) -> GraphShapes:
     """Return what changes with the motion alone: axes, curves, and strips that are red where a limit is exceeded."""
-    shapes, axes = Shapes(), axes_of(graph)
+    shapes, axes = GraphShapes(), axes_of(graph)
     shapes.box(0, 0, WIDTH, HEIGHT, PAPER)
     right, times = WIDTH - RIGHT, graph.now.times_s
     for speed in ticks(0.0, axes.top_m_s * KMH):
@@ -124,9 +124,9 @@ def low_of_strip(i: int) -> float:
     return float(BOTTOM - 28 - (i + 1) * STRIP - i * STRIP_GAP)
 
 
-def moment(graph: Compared, frame: float) -> Shapes:
+def moment(graph: MotionComparison, frame: float) -> GraphShapes:
     """Return what changes with the frame that is shown: its line, and the values there."""
-    shapes, axes = Shapes(), axes_of(graph)
+    shapes, axes = GraphShapes(), axes_of(graph)
     time_s = float(np.interp(frame, graph.frames, graph.now.times_s))
     column = float(axes.x(np.array(time_s)))
     low = low_of_strip(len(QUANTITIES) - 1)
@@ -145,7 +145,7 @@ def moment(graph: Compared, frame: float) -> Shapes:
     return shapes
 
 
-def values(graph: Compared, frame: float) -> list[tuple[str, bool]]:
+def values(graph: MotionComparison, frame: float) -> list[tuple[str, bool]]:
     """Return the values at a frame as texts, and whether each is over its limit: time, speed,
     accelerations and curvature."""
     at = int(np.argmin(np.abs(graph.frames - frame)))

@@ -11,7 +11,7 @@ import numpy as np
 from ...core.geometry import BoolArray, FloatArray, box_corners
 from ...core.simulation.vehicle.parameters import Vehicle
 from ..sampled.clock import Clock
-from ..simulation.rollouts import Planned
+from ..simulation.rollouts import PlannedPath
 
 SLOW, FAST = np.array([0.1, 0.35, 1.0]), np.array([1.0, 0.25, 0.1])
 RECORDED = np.array([0.7, 0.7, 0.7, 1.0])
@@ -75,6 +75,7 @@ def joined(parts: Sequence[TrailSegments]) -> TrailSegments:
 
 
 def _ticks(poses: FloatArray, clock: Clock, there: BoolArray) -> TrailSegments:
+    assert len(poses) == len(clock.times_s), (poses.shape, clock.times_s.shape)
     seconds = np.arange(np.ceil(clock.times_s[0]), clock.times_s[-1])
     at = np.searchsorted(clock.times_s, seconds)
     at = at[there[at]]
@@ -82,7 +83,7 @@ def _ticks(poses: FloatArray, clock: Clock, there: BoolArray) -> TrailSegments:
     return _lines(np.stack([middle - side, middle + side], 1).reshape(-1, 3), np.ones(4))
 
 
-def plan_lines(plan: Planned | None, height_m: float) -> TrailSegments:
+def plan_lines(plan: PlannedPath | None, height_m: float) -> TrailSegments:
     """Return a plan at a height, with a tick at each of its seconds; no lines for none."""
     if plan is None or len(plan.places) < 2:
         return joined([])

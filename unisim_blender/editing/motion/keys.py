@@ -14,7 +14,7 @@ from ...core.scenario.motion.trajectories import merged_times, sampled_keys
 from ..sampled.clock import Clock
 
 
-class Keys(NamedTuple):
+class TrajectoryKeys(NamedTuple):
     """Keys of a trajectory: frames (K,), positions (K, 3) in the world, unit quaternions wxyz (K, 4)."""
 
     frames: FloatArray
@@ -22,7 +22,7 @@ class Keys(NamedTuple):
     quaternions: FloatArray
 
 
-def along_line(line: FloatArray, step_m: float, height_m: float) -> Keys:
+def along_line(line: FloatArray, step_m: float, height_m: float) -> TrajectoryKeys:
     """Return a trajectory along a line (P, 3) with a key every ``step_m``, for a box of a height whose
     underside is on the line.
 
@@ -39,10 +39,10 @@ def along_line(line: FloatArray, step_m: float, height_m: float) -> Keys:
     left = np.cross([0.0, 0.0, 1.0], ahead)
     left /= np.linalg.norm(left, axis=1, keepdims=True)
     up = np.cross(ahead, left)
-    return Keys(at, positions + up * height_m / 2, quaternion_from_matrix(np.stack([ahead, left, up], -1)))
+    return TrajectoryKeys(at, positions + up * height_m / 2, quaternion_from_matrix(np.stack([ahead, left, up], -1)))
 
 
-def standing_still(keys: Keys, frame: float, until: float, later: FloatArray) -> Keys:
+def standing_still(keys: TrajectoryKeys, frame: float, until: float, later: FloatArray) -> TrajectoryKeys:
     """Return keys (K) that stand still from ``frame`` to ``until``, and then go on: ``later`` are the frames (K,) of
     the keys as they come then. What is before ``frame`` stays."""
     frames, positions, quaternions = keys
@@ -50,7 +50,7 @@ def standing_still(keys: Keys, frame: float, until: float, later: FloatArray) ->
     turn = np.array([np.interp(frame, frames, column) for column in quaternions.T])
     turn /= np.linalg.norm(turn)
     early, late = frames < frame, frames > frame
-    return Keys(
+    return TrajectoryKeys(
         np.concatenate([frames[early], [frame, until], later[late]]),
         np.concatenate([positions[early], [here, here], positions[late]]),
         np.concatenate([quaternions[early], [turn, turn], quaternions[late]]),

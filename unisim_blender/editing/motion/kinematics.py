@@ -59,7 +59,7 @@ class MotionProfile:
 
 
 @dataclass(frozen=True)
-class Compared:
+class MotionComparison:
     """An object's motion beside the recorded one, which is None for what nobody recorded. ``exceeded`` says where (N,)
     each quantity of `QUANTITIES` exceeds its limit: nowhere for what stands as recorded, and for
     classes without limits."""
@@ -88,6 +88,7 @@ def motion_of(positions: FloatArray, times_s: FloatArray, there: BoolArray | Non
     """
     count = len(times_s)
     there = np.ones(count, bool) if there is None else there
+    assert positions.shape == (count, 3) and there.shape == (count,), (positions.shape, there.shape, count)
     speed, acceleration, lateral, curvature = (np.full(count, np.nan) for _ in range(4))
     for first, last in runs(there):
         part = slice(first, last)
@@ -185,7 +186,7 @@ class ObjectTrack:
     there: BoolArray
 
 
-def compared(track: ObjectTrack, drive: Drive, clock: Clock, limits: Limits) -> Compared:
+def compared(track: ObjectTrack, drive: Drive, clock: Clock, limits: Limits) -> MotionComparison:
     """Return an object's motion beside the recorded one of its id."""
     now = motion_of(track.poses[:, :3, 3], clock.times_s, track.there)
     recorded = recorded_track(track, drive, clock)
@@ -194,7 +195,7 @@ def compared(track: ObjectTrack, drive: Drive, clock: Clock, limits: Limits) -> 
     over = exceeded(now, limits, before)
     if not is_edited or not is_limited(track.label):
         over = {name: np.zeros(len(where), bool) for name, where in over.items()}
-    return Compared(track.name, clock.frames, now, before, is_edited, over)
+    return MotionComparison(track.name, clock.frames, now, before, is_edited, over)
 
 
 def recorded_track(track: ObjectTrack, drive: Drive, clock: Clock) -> tuple[FloatArray, BoolArray] | None:
@@ -213,13 +214,13 @@ def label_of(kind: str, uid: str, own: str, drive: Drive) -> str:
     return own or (actor.label if actor is not None else "")
 
 
-_newest: dict[str, tuple[tuple[object, ...], Compared]] = {}
+_newest: dict[str, tuple[tuple[object, ...], MotionComparison]] = {}
 """The newest comparison of each object, and what it was made of."""
 MOST = 8
 """Comparisons that are kept."""
 
 
-def cached_comparison(track: ObjectTrack, drive: Drive, clock: Clock, limits: Limits) -> Compared:
+def cached_comparison(track: ObjectTrack, drive: Drive, clock: Clock, limits: Limits) -> MotionComparison:
     """Return what `compared` does; the newest of each object is kept until its motion or a limit changes."""
     key = (id(drive), limits, track.kind, track.uid, track.label, track.poses.tobytes(), track.there.tobytes())
     cached = _newest.pop(track.name, None)

@@ -118,7 +118,7 @@ def sees_the_same(now: FloatArray, then: FloatArray) -> bool:
 
 
 @dataclass(frozen=True)
-class Recorded:
+class RecordedReturns:
     """A LiDAR's recorded returns of a frame: points (N, 3) of the world, and attributes (N,) by name."""
 
     lidar: str
@@ -126,18 +126,18 @@ class Recorded:
     attributes: dict[str, NDArray[np.generic]]
 
 
-def recorded_returns(source: DriveSource, frame: int) -> list[Recorded]:
+def recorded_returns(source: DriveSource, frame: int) -> list[RecordedReturns]:
     """Read the recorded returns of a frame, of every LiDAR, from the log's files; in any thread."""
     log, returns = source.log, []
     for name in source.drive.lidars if log is not None else ():
         assert log is not None
         if frame not in log.sweep_frames(name):
-            returns.append(Recorded(name, np.zeros((0, 3)), {}))
+            returns.append(RecordedReturns(name, np.zeros((0, 3)), {}))
             continue
         sweep = log.sweep(name, frame)
         depth = np.linalg.norm(sweep.points - sweep.origins, axis=1)
         attributes = {"intensity": sweep.intensity, "class": sweep.semantic, "depth": depth}
-        returns.append(Recorded(name, sweep.points, attributes))
+        returns.append(RecordedReturns(name, sweep.points, attributes))
     return returns
 
 

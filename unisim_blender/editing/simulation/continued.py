@@ -24,17 +24,17 @@ from ..sampled.source import DriveSource, scene_actors
 
 
 @dataclass(frozen=True, eq=False)
-class Driven:
+class DrivenScenario:
     """The scenario that a rollout left, and the drive that it leads to."""
 
     scenario: Scenario
     drive: Drive
 
 
-_newest: dict[tuple[Path, int, int], Driven] = {}
+_newest: dict[tuple[Path, int, int], DrivenScenario] = {}
 
 
-def open_driven(path: Path, source: DriveSource) -> Driven:
+def open_driven(path: Path, source: DriveSource) -> DrivenScenario:
     """Return the scenario in a rollout's file and its drive, which is kept until the file changes or another is asked
     for.
 
@@ -47,13 +47,13 @@ def open_driven(path: Path, source: DriveSource) -> Driven:
     key = (path, about.st_mtime_ns if about else 0, id(source))
     if key not in _newest:
         scenario = load_scenario(path)
-        driven = Driven(scenario, apply_scenario(replace(scenario, sensors=None), source.drive, scene_actors))
+        driven = DrivenScenario(scenario, apply_scenario(replace(scenario, sensors=None), source.drive, scene_actors))
         _newest.clear()
         _newest[key] = driven
     return _newest[key]
 
 
-def as_driven(read: Scenario, source: DriveSource, driven: Driven, start_s: float | None = None) -> Scenario:
+def as_driven(read: Scenario, source: DriveSource, driven: DrivenScenario, start_s: float | None = None) -> Scenario:
     """Return a scenario that was read off a rollout's scene with the rollout's own trajectories where they are not
     edited.
 
@@ -71,7 +71,9 @@ def as_driven(read: Scenario, source: DriveSource, driven: Driven, start_s: floa
     return replace(read, edits=tuple(edits))
 
 
-def _ego_edits(edits: Iterable[Edit], edited: Drive, driven: Driven, clock: Clock, start_s: float | None) -> list[Edit]:
+def _ego_edits(
+    edits: Iterable[Edit], edited: Drive, driven: DrivenScenario, clock: Clock, start_s: float | None
+) -> list[Edit]:
     """Return edits with the vehicle's as driven."""
     own = [edit for edit in driven.scenario.edits if isinstance(edit, Ego)]
     rest = [edit for edit in edits if not isinstance(edit, Ego)]

@@ -98,7 +98,7 @@ def write_inputs(scenario: Scenario, command: list[str], parent: Path, variant: 
     return folder
 
 
-class Planned(NamedTuple):
+class PlannedPath(NamedTuple):
     """A plan: when the driver was asked, and times (K,) in seconds and places (K, 2), world frame, that it answered."""
 
     asked_s: float
@@ -118,9 +118,9 @@ class RolloutTimes:
     """A rollout: the times of its steps in seconds, the start first, and its plans by when they were asked for."""
 
     times_s: FloatArray
-    plans: tuple[Planned, ...] = ()
+    plans: tuple[PlannedPath, ...] = ()
 
-    def plan_at(self, time_s: float) -> Planned | None:
+    def plan_at(self, time_s: float) -> PlannedPath | None:
         """Return the plan that was asked for last at a time; None before the first, after the rollout's end, and
         without plans."""
         if time_s > self.times_s[-1] + 1e-6:
@@ -153,7 +153,7 @@ def read_rollout(folder: Path) -> RolloutTimes:
         raise OutputError(f"{path}: holds no step")
     times = np.array([step.time_us for step in steps]) / SECOND_US
     plans = [
-        Planned(float(asked), step.action.times_us / SECOND_US, np.stack([step.action.x_m, step.action.y_m], -1))
+        PlannedPath(float(asked), step.action.times_us / SECOND_US, np.stack([step.action.x_m, step.action.y_m], -1))
         for asked, step in zip(times, steps[1:], strict=False)
         if isinstance(step.action, Plan)
     ]

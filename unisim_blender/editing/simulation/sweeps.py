@@ -22,7 +22,7 @@ _AXES = "xyz"
 
 
 @dataclass(frozen=True)
-class Field:
+class ScenarioField:
     """A number or a text of a scenario, at a JSON pointer. ``label`` says which, ``name`` is short."""
 
     pointer: str
@@ -54,7 +54,7 @@ class Parameter:
         return len(self.values) or self.count
 
 
-def fields_of(document: dict[str, Any]) -> list[Field]:
+def fields_of(document: dict[str, Any]) -> list[ScenarioField]:
     """Return the fields of a scenario, as a JSON value, that a parameter may fill."""
     fields = []
     for member in MEMBERS:
@@ -63,7 +63,7 @@ def fields_of(document: dict[str, Any]) -> list[Field]:
             shown = [_shown(path, index) for index in range(2 if member == "edits" else 0, len(path))]
             label = " ".join([_owner(document, path), *shown])
             short = "_".join(shown[-2:] if isinstance(path[-1], int) else shown[-1:])
-            fields.append(Field(pointer, label.strip(), short, value))
+            fields.append(ScenarioField(pointer, label.strip(), short, value))
     return fields
 
 

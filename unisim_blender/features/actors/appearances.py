@@ -35,7 +35,7 @@ _texts: dict[str, str] = {}
 
 
 @dataclass(frozen=True)
-class Choice:
+class ActorChoices:
     """The actors that can be chosen, by id: those of a trained scene in a folder, or of the drive itself
     where that is None."""
 
@@ -49,7 +49,7 @@ _headers: dict[Path, tuple[float, Any]] = {}
 """Headers of trained scenes, with the time of their last change."""
 
 
-def choice_of(context: bpy.types.Context, folder: str) -> Choice:
+def choice_of(context: bpy.types.Context, folder: str) -> ActorChoices:
     """Return the actors of the trained scene in a folder, or of the imported drive where that is "".
     Raises `UnisimError`."""
     if not folder:
@@ -68,7 +68,7 @@ def choice_of(context: bpy.types.Context, folder: str) -> Choice:
     thumbnails.ask(log_path)
     words = {uid: image.word for uid, image in thumbnails.images_of(log_path).items()}
     names = readable_names(counted, words)
-    return Choice(actors, {uid: names[uid] for uid in actors}, log_path, scene_path)
+    return ActorChoices(actors, {uid: names[uid] for uid in actors}, log_path, scene_path)
 
 
 def header_of(scene_path: Path) -> Any:
@@ -79,7 +79,7 @@ def header_of(scene_path: Path) -> Any:
     return _headers[scene_path][1]
 
 
-def listed(choice: Choice, group: str) -> list[str]:
+def listed(choice: ActorChoices, group: str) -> list[str]:
     """Return the ids of the actors of a group, or of "ALL", in the order of their names."""
     uids = [uid for uid, actor in choice.actors.items() if group in ("ALL", group_of(actor.label))]
     return sorted(uids, key=lambda uid: natural(choice.names[uid]))
@@ -111,7 +111,7 @@ def lasting(text: str) -> str:
     return _texts.setdefault(text, text)
 
 
-def icon_of(choice: Choice, uid: str) -> int:
+def icon_of(choice: ActorChoices, uid: str) -> int:
     """Return an actor's thumbnail."""
     return thumbnails.icon_of(choice.log_path, uid, choice.scene_path)
 

@@ -45,7 +45,7 @@ PRIORITY = 10
 
 
 @dataclass
-class Maker:
+class ThumbnailMaker:
     """A process that makes the thumbnails of one log. ``lines`` come in as it writes them; ``ended``
     is set at its end."""
 
@@ -103,7 +103,7 @@ _known: dict[Path, dict[str, ActorImage]] = {}
 """Images of the actors of each log, by id, as far as they are known."""
 _complete: dict[Path, dict[str, str]] = {}
 """The words for the colours of the actors of logs whose images have all been looked at, by id."""
-_makers: dict[Path, Maker] = {}
+_makers: dict[Path, ThumbnailMaker] = {}
 _problems: dict[Path, str] = {}
 """Why a log's thumbnails could not be made; it is not tried again before another file is opened."""
 _plain: dict[Path, dict[str, str]] = {}
@@ -128,7 +128,7 @@ def ask(log_path: Path) -> None:
     elif not log_path.exists():
         _problems[log_path] = "the log is not at hand"
     elif not bpy.app.background:
-        _makers[log_path] = maker = Maker(log_path, interpreter())
+        _makers[log_path] = maker = ThumbnailMaker(log_path, interpreter())
         maker.start()
         _look_soon()
 

@@ -22,7 +22,7 @@ from ...core.scenario.types import Scenario
 from ...editing.edits.variants import file_names
 from ...editing.simulation.menus import renderer_options
 from ...editing.simulation.stated import as_simulated
-from ...editing.simulation.sweeps import Field, fields_of, sweep_document, write_jobs
+from ...editing.simulation.sweeps import ScenarioField, fields_of, sweep_document, write_jobs
 from ...editing.texts import free_name
 from ...preferences import device, interpreter
 from ...process.background import launch
@@ -30,7 +30,7 @@ from ...process.tasks import Task
 from ...translations import message
 from ..drive.export_operators import scenario_of
 from ..operator_bases import Needing, in_thread, nothing_runs
-from ..output.operators import MIN_WIDTH
+from ..output.operators import sensor_options, width_options
 from ..simulation.operators import Simulates
 from ..simulation.properties import driver_of
 from .properties import parameters_of
@@ -87,7 +87,7 @@ class BatchTask(Task):
 
 
 REPORT = "report.html"
-_fields: list[Field] = []
+_fields: list[ScenarioField] = []
 """Fields that the menu offers; Blender does not keep what it shows."""
 _items: list[tuple[str, str, str]] = []
 
@@ -185,11 +185,8 @@ def _options(scene: bpy.types.Scene, selected: Any, driver: str | None) -> Itera
     yield from ("--device", device())
     if about.jobs:
         yield from ("--jobs", str(about.jobs))
-    sensors = output_sensors(scene, selected, source_of(scene).drive)
-    if sensors is not None:
-        yield from ("--sensors", ",".join(sensors))
-    if scene.unisim.sequence_width:
-        yield from ("--width", str(max(MIN_WIDTH, scene.unisim.sequence_width)))
+    yield from sensor_options(output_sensors(scene, selected, source_of(scene).drive))
+    yield from width_options(scene)
     yield from renderer_options(simulation.renderer)
     if driver is not None:
         yield from ("--driver", driver)

@@ -162,7 +162,9 @@ class UNISIM_OT_import_scene(_ImportDrive, bpy.types.Operator):
 class _ImportScenario(_ImportDrive):
     """Base of importers of a scenario's drive; that of a rollout gets markers, too."""
 
-    def bring_in_edited(self: Any, context: bpy.types.Context, opened: Opened) -> Generator[str | None, None, None]:
+    def bring_in_edited(
+        self: Any, context: bpy.types.Context, opened: ImportedScenario
+    ) -> Generator[str | None, None, None]:
         """Import an opened scenario's drive, then edit it."""
         scenario, source, edited, driven = opened
         yield from self.bring_in(context, source)
@@ -228,11 +230,11 @@ class UNISIM_OT_open_rollout(Needing, _ImportScenario, bpy.types.Operator):
         yield from self.bring_in_edited(context, opened)
 
 
-Opened = tuple[Scenario, DriveSource, Drive, RolloutTimes | None]
+ImportedScenario = tuple[Scenario, DriveSource, Drive, RolloutTimes | None]
 """A scenario, its drive as it was recorded and as it is edited, and the rollout that left it, if one did."""
 
 
-def opened_scenario(path: Path) -> Opened:
+def opened_scenario(path: Path) -> ImportedScenario:
     """Open a scenario and what it is of. Raises `UnisimError`."""
     scenario = load_scenario(path)
     source = open_source(str(scenario.log_path), str(scenario.scene_path or ""))

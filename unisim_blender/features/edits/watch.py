@@ -13,7 +13,7 @@ from bpy.app.handlers import persistent
 from ...bridge.changes.following import dragging
 from ...bridge.objects.imported import has_drive
 from ...bridge.sampling import edit_list
-from ...bridge.sampling.adjacent_frames import BESIDE
+from ...bridge.sampling.adjacent_frames import BESIDE_SCENE
 from ...bridge.window import areas
 from ...editing.texts import Text
 
@@ -92,7 +92,7 @@ def _redraw() -> None:
 def note_changes(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
     """Note that a scene changed."""
     global _changed_s
-    if scene.name == BESIDE or not scene.unisim.log or bpy.app.is_job_running("RENDER"):
+    if scene.name == BESIDE_SCENE or not scene.unisim.log or bpy.app.is_job_running("RENDER"):
         return
     updates = depsgraph.updates if depsgraph is not None else ()
     moved = any(

@@ -7,18 +7,18 @@ import numpy as np
 
 from ...bridge.sampling.stepping import frame_of
 from ...core.geometry import FloatArray
-from ...editing.layout.speed_graph import HEIGHT, WIDTH, Shapes, curves, moment
-from ...editing.motion.kinematics import Compared
+from ...editing.layout.speed_graph import HEIGHT, WIDTH, GraphShapes, curves, moment
+from ...editing.motion.kinematics import MotionComparison
 from ...registering import Drawing
 from ...translations import localized
-from .settings import graph_of
+from .properties import graph_of
 
 MARGIN = 12
 LEAST_SCALE = 0.5
 """In a view that has no room for a graph of this size, none is drawn."""
 FONT_SIZE = 11
 
-_newest: list[tuple[Compared, Shapes]] = []
+_newest: list[tuple[MotionComparison, GraphShapes]] = []
 """The newest curves, and the motion that they are of: they are laid out again only when that changes."""
 
 
@@ -49,7 +49,7 @@ def free_width(context: bpy.types.Context) -> float:
     return float(min([region.width, *covers]))
 
 
-def draw_shapes(shapes: Shapes, corner: FloatArray, scale: float) -> None:
+def draw_shapes(shapes: GraphShapes, corner: FloatArray, scale: float) -> None:
     """Draw shapes with their lower left at a corner (2,) of the region."""
     import blf
     import gpu

@@ -7,7 +7,7 @@ from ...bridge.sampling.stepping import frame_of
 from ...editing.layout.speed_graph import values
 from ...translations import localized
 from ..sidebar import DrivePanel, row_of, settings_column
-from .settings import NAMES, graph_of
+from .properties import NAMES, graph_of
 
 ROWS = ("Speed", "Acceleration", "Lateral", "Curvature")
 

@@ -16,7 +16,7 @@ from ...core.errors import UnisimError
 from ...editing.layout.shapes import RECORDED, SIMULATED
 from ...editing.reading.requests import lidar_request
 from ...editing.sampled.clock import Clock
-from ...editing.sensors.mounts import Recorded, recorded_returns
+from ...editing.sensors.mounts import RecordedReturns, recorded_returns
 from ...preferences import device, interpreter
 from ...process.client import Client, Request, client, progress_line
 from ...registering import add, take_away
@@ -29,7 +29,7 @@ READ_S = 0.02
 """Between two looks whether recorded points have been read."""
 reader = ThreadPoolExecutor(1, thread_name_prefix="unisim-points")
 """Reads one frame at a time."""
-reading: dict[str, Future[list[Recorded]]] = {}
+reading: dict[str, Future[list[RecordedReturns]]] = {}
 """Recorded points that are being read, by scene: those of the newest frame."""
 waiting: dict[tuple[str, str], tuple[Client, Request]] = {}
 """Sweeps that were asked for, by scene and LiDAR."""

@@ -24,15 +24,15 @@ from inputs.strategies import Input, gone, inputs_of
 from inputs.views import In, json_text
 from unisim_blender.core import native
 from unisim_blender.core.actor_images.cache import cached_images, image_folder, make_images
-from unisim_blender.core.evaluation.comparison.page import markdown, tables_of
+from unisim_blender.core.evaluation.comparison.page import comparison_markdown, tables_of
 from unisim_blender.core.evaluation.comparison.run import _earlier
 from unisim_blender.core.evaluation.ground_truth import REGION_MASKS, _cached
 from unisim_blender.core.files import CACHE_VARIABLE
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.model.scene_file import HEADER_NAME, read_scene_header
 from unisim_blender.core.render.observed_space import (
-    AZIMUTHS,
-    ELEVATIONS,
+    AZIMUTH_CELLS,
+    ELEVATION_CELLS,
     ObservedSpace,
     _Observing,
     cache_space,
@@ -137,7 +137,7 @@ def space_reader(folder: Path) -> Reader:
     rng = np.random.default_rng(0)
     shown = rng.integers(0, 2, (5, 6, 7), np.uint8)
     empty = _Observing(header, (1, 1, 1), 0.5)
-    background = rng.random((ELEVATIONS, AZIMUTHS)) < 0.5
+    background = rng.random((ELEVATION_CELLS, AZIMUTH_CELLS)) < 0.5
     space = ObservedSpace(
         empty.volume_from_world, empty.size_m, 0.5, shown > 0, rng.random(shown.shape) < 0.5, background
     )
@@ -149,7 +149,9 @@ def space_reader(folder: Path) -> Reader:
     def read() -> object:
         with cache_in(folder):
             found = cached_space(header, shown, 0.5)
-        assert found is None or (found.passed.shape == shown.shape and found.background.shape == (ELEVATIONS, AZIMUTHS))
+        assert found is None or (
+            found.passed.shape == shown.shape and found.background.shape == (ELEVATION_CELLS, AZIMUTH_CELLS)
+        )
         return found
 
     return Reader(folder, whole, read, inputs_of(whole, {name: ["npz"]}) | gone(whole), (), refuses=False)
@@ -182,7 +184,7 @@ def comparison_reader(folder: Path) -> Reader:
 
     def read() -> object:
         rows = _earlier(folder / "comparison.json", about)
-        return markdown("title", "about", tables_of({"replay": False}), rows)
+        return comparison_markdown("title", "about", tables_of({"replay": False}), rows)
 
     inputs = inputs_of(whole, {"comparison.json": ["json"]})
     return Reader(folder, whole, read, inputs, ("comparison.json",))

@@ -34,7 +34,7 @@ from unisim_blender.core.sensors.frames import CameraFrame
 from unisim_blender.core.training.batches.data import LidarData
 from unisim_blender.core.training.checkpoint import CHECKPOINT, save_checkpoint
 from unisim_blender.core.training.config import TrainConfig, recipe
-from unisim_blender.core.training.export import finish
+from unisim_blender.core.training.export import write_scene
 from unisim_blender.core.training.loop import train
 from unisim_blender.core.training.trainer import Trainer
 
@@ -128,7 +128,7 @@ def trained(runs: dict[str, Run], tmp_path_factory: pytest.TempPathFactory) -> d
         found[kind] = folder / kind.replace(" ", "-")
         found[kind].mkdir()
         save_checkpoint(found[kind] / CHECKPOINT, made.trainer)
-        finish(made.trainer, found[kind])
+        write_scene(made.trainer, found[kind])
     return found
 
 
@@ -451,5 +451,5 @@ def test_without_lidar_sweeps_are_neither_needed_nor_read(path: Path, runs: dict
     ))).cpu())  # fmt: skip
     places = trainer.model.frame.points(trainer.model.frame.recentred(drive.world_from_ego.positions)).cpu().numpy()
     assert np.abs(below - places[:, 2]).max() < 0.3
-    finish(trainer, tmp_path / "scene")
+    write_scene(trainer, tmp_path / "scene")
     assert read_scene_header(tmp_path / "scene").training["lidars"] == []

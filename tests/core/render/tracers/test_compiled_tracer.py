@@ -19,7 +19,7 @@ from unisim_blender.core import native
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.meshes.hits import MeshHits
 from unisim_blender.core.model.checkpoint import load_scene
-from unisim_blender.core.render.quality import QUALITY
+from unisim_blender.core.render.quality import QUALITIES
 from unisim_blender.core.render.tracer import TraceResult, tiled
 from unisim_blender.core.render.tracers.compiled import tracer as compiled_tracer
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
@@ -39,9 +39,9 @@ def both_backends(
     others = {} if other is None else {"other": other}
     return (
         CompiledBackend(
-            CompiledScene(folder), QUALITY[quality], {name: CompiledScene(path) for name, path in others.items()}
+            CompiledScene(folder), QUALITIES[quality], {name: CompiledScene(path) for name, path in others.items()}
         ),
-        TorchBackend(load_scene(folder), QUALITY[quality], {name: load_scene(path) for name, path in others.items()}),
+        TorchBackend(load_scene(folder), QUALITIES[quality], {name: load_scene(path) for name, path in others.items()}),
     )
 
 

@@ -43,13 +43,13 @@ from unisim_blender.core import native
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.ops.density import logistic_intervals
 from unisim_blender.core.ops.transmittances import weights_from_tau
-from unisim_blender.core.render.quality import QUALITY, Quality
+from unisim_blender.core.render.quality import QUALITIES, Quality
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.structs import SamplingStruct, SceneStruct, address, floats
 from unisim_blender.core.render.tracers.compiled.tracer import (
     MIN_SLOPE,
+    MIN_SPLIT_WEIGHT,
     MIN_STEP_M,
-    SPLIT_WEIGHT,
     STEP_GROWTH_PER_M,
     CompiledBackend,
     CompiledTracer,
@@ -77,11 +77,11 @@ def steps_of(quality: Quality) -> Steps:
         MIN_SLOPE,
         MIN_STEP_M,
         quality.splits,
-        SPLIT_WEIGHT,
+        MIN_SPLIT_WEIGHT,
     )
 
 
-STEPS = {name: steps_of(QUALITY[name]) for name in ("fast", "balanced", "fine")}
+STEPS = {name: steps_of(QUALITIES[name]) for name in ("fast", "balanced", "fine")}
 
 
 def grid(shape: tuple[int, ...]) -> NDArray[np.float64]:
@@ -549,9 +549,9 @@ def test_qualities_beside_the_truth(appearances: dict[str, Appearance], sensor: 
     appearance = appearances[sensor]
     metrics: list[NDArray[np.float64]] = []
     for name, (least_psnr, median, p95, coarse, samples) in BOUNDS[sensor].items():
-        quality = QUALITY[name]
+        quality = QUALITIES[name]
         # the background has so many samples that both sums are the integral
-        truth = appearance.at(dataclasses.replace(QUALITY["reference"], samples=16.0, background=8.0))
+        truth = appearance.at(dataclasses.replace(QUALITIES["reference"], samples=16.0, background=8.0))
         found = appearance.at(dataclasses.replace(quality, background=8.0))
         hit = np.isfinite(truth[1])
         assert (np.isfinite(found[1]) == hit).mean() > 0.998
@@ -573,8 +573,8 @@ def test_every_field_beside_the_quantiles(tmp_path: Path) -> None:
     rays = image_rays(drive)
     found = {}
     for name, quality in (
-        ("truth", dataclasses.replace(QUALITY["reference"], samples=16.0)),
-        ("fine", QUALITY["fine"]),
+        ("truth", dataclasses.replace(QUALITIES["reference"], samples=16.0)),
+        ("fine", QUALITIES["fine"]),
     ):
         tracer.quality = dataclasses.replace(quality, background=1.0)
         found[name] = tracer.trace(rays, {"instance"}, True, None, RenderStats())

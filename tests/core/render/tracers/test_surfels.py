@@ -16,6 +16,7 @@ from drive_frames import DriveFrames
 from numpy.typing import NDArray
 from PIL import Image
 from whole_drive import bound_to
+from written_street import write_recipe
 
 from unisim_blender.core import native
 from unisim_blender.core.cli.main import run
@@ -43,12 +44,13 @@ from unisim_blender.core.sensors.frames import CameraFrame
 from unisim_blender.core.worker.server import Jobs
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.core.world.replay import parked_boxes
-from unisim_street.street import Street, build_street, load_street
+from unisim_street.street import Street, load_street
 from unisim_street.truth import truth_camera, truth_lidar
-from unisim_street.write import write_log
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="surfels are made by the compiled kernels")
 CAMERA, LIDAR, FRAME = "front_camera", "pandar64", 3
+COLUMNS = 900
+"""Of the sweeps: half as many as the device has."""
 SOURCES = (0, 2, 4, 6)
 UNTRAINED = SURFEL_METHODS
 """Frames that surfels are made of; `FRAME` is held out."""
@@ -56,9 +58,7 @@ UNTRAINED = SURFEL_METHODS
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("street") / "log"
-    write_log(build_street(seed=3, frames=7, width=192, height=108, cameras=(CAMERA,)), out, jobs=1, progress=False)
-    return out
+    return write_recipe(tmp_path_factory.mktemp("street") / "log", COLUMNS, seed=3, frames=7, width=192, height=108)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -79,7 +79,16 @@ def log(path: Path) -> Log:
 
 @pytest.fixture(scope="module")
 def street(path: Path) -> Street:
-    return load_street(path)
+    made = load_street(path)
+    lidar = made.drive.lidars[LIDAR]
+    lidar = replace(lidar, model=replace(lidar.model, columns=COLUMNS))
+    return replace(made, drive=replace(made.drive, lidars={LIDAR: lidar}))
+
+
+@pytest.fixture(scope="module")
+def recorded(street: Street) -> CameraFrame:
+    """The truth of the held-out frame, without edits."""
+    return truth_camera(street, street.drive, CAMERA, FRAME)
 
 
 @pytest.fixture(scope="module")
@@ -98,13 +107,13 @@ def edited(log: Log, *edits: dict[str, Any], of: Drive | None = None, **more: An
     return apply_scenario(scenario_from_json(document, log.path / "scenario.json"), of or log.drive, lambda path: {})
 
 
-def seen_actor(log: Log, street: Street, moving: bool) -> str:
-    """The actor of that kind that the truth shows largest in the held-out frame."""
-    truth = truth_camera(street, street.drive, CAMERA, FRAME, samples=1)
-    assert truth.instance is not None
-    counts = np.bincount(truth.instance.reshape(-1), minlength=len(truth.instances) + 1)[1:]
-    kinds = [log.drive.actors[uid].is_moving == moving for uid in truth.instances]
-    return truth.instances[int(np.argmax(np.where(kinds, counts, 0)))]
+@pytest.fixture(scope="module")
+def uid(log: Log, recorded: CameraFrame) -> str:
+    """The moving actor that the truth shows largest in the held-out frame."""
+    assert recorded.instance is not None
+    counts = np.bincount(recorded.instance.reshape(-1), minlength=len(recorded.instances) + 1)[1:]
+    moving = [log.drive.actors[uid].is_moving for uid in recorded.instances]
+    return recorded.instances[int(np.argmax(np.where(moving, counts, 0)))]
 
 
 def shows(frame: CameraFrame, uid: str) -> NDArray[np.bool_]:
@@ -134,9 +143,9 @@ def test_a_held_out_sweep_is_near_the_truth(
 
 @pytest.mark.parametrize(("name", "least"), [("surfel", 20.0), ("warp", 21.0)])
 def test_a_held_out_image_is_near_the_truth(
-    name: str, least: float, scenes: dict[str, SurfelScene], log: Log, street: Street
+    name: str, least: float, scenes: dict[str, SurfelScene], log: Log, recorded: CameraFrame
 ) -> None:
-    truth = truth_camera(street, street.drive, CAMERA, FRAME)
+    truth = recorded
     passes = ("rgb", "depth", "normal", "instance", "opacity", "unsupported")
     frame = renderer(name, scenes, log).camera(CAMERA, FRAME, passes)
     assert psnr(frame.rgb, truth.rgb) > least
@@ -163,8 +172,7 @@ def test_a_region_has_the_pixels_of_the_whole(name: str, scenes: dict[str, Surfe
 
 
 @pytest.mark.parametrize("name", list(UNTRAINED))
-def test_a_removed_actor_is_gone(name: str, scenes: dict[str, SurfelScene], log: Log, street: Street) -> None:
-    uid = seen_actor(log, street, moving=True)
+def test_a_removed_actor_is_gone(name: str, scenes: dict[str, SurfelScene], log: Log, street: Street, uid: str) -> None:
     edit = {"type": "remove", "actor": uid}
     before = renderer(name, scenes, log).camera(CAMERA, FRAME, ("rgb", "depth", "instance"))
     where = shows(before, uid)
@@ -179,8 +187,9 @@ def test_a_removed_actor_is_gone(name: str, scenes: dict[str, SurfelScene], log:
 
 
 @pytest.mark.parametrize("name", list(UNTRAINED))
-def test_a_copy_stands_where_it_was_put(name: str, scenes: dict[str, SurfelScene], log: Log, street: Street) -> None:
-    uid = seen_actor(log, street, moving=True)
+def test_a_copy_stands_where_it_was_put(
+    name: str, scenes: dict[str, SurfelScene], log: Log, street: Street, uid: str
+) -> None:
     edit = {"type": "duplicate", "actor": uid, "id": "twin", "offset_m": [1.0, 3.5, 0.0]}
     frame = renderer(name, scenes, log, edited(log, edit)).camera(CAMERA, FRAME, ("rgb", "depth", "instance"))
     truth = truth_camera(street, edited(log, edit, of=street.drive), CAMERA, FRAME)
@@ -196,14 +205,19 @@ def test_a_copy_stands_where_it_was_put(name: str, scenes: dict[str, SurfelScene
 @pytest.mark.parametrize("name", list(UNTRAINED))
 @pytest.mark.parametrize("factors", [[1.4, 1.4, 1.4], [1.0, 1.0, 1.5]], ids=str)
 def test_a_scaled_actor_is_as_near_the_truth_as_it_was(
-    name: str, factors: list[float], scenes: dict[str, SurfelScene], log: Log, street: Street
+    name: str,
+    factors: list[float],
+    scenes: dict[str, SurfelScene],
+    log: Log,
+    street: Street,
+    recorded: CameraFrame,
+    uid: str,
 ) -> None:
-    uid = seen_actor(log, street, moving=True)
     edit = {"type": "scale", "actor": uid, "factors": factors}
     errors, overlaps = [], []
-    for drive, true_drive in ((log.drive, street.drive), (edited(log, edit), edited(log, edit, of=street.drive))):
+    scaled = truth_camera(street, edited(log, edit, of=street.drive), CAMERA, FRAME)
+    for drive, truth in ((log.drive, recorded), (edited(log, edit), scaled)):
         frame = renderer(name, scenes, log, drive).camera(CAMERA, FRAME, ("rgb", "depth", "instance"))
-        truth = truth_camera(street, true_drive, CAMERA, FRAME)
         ours, theirs = shows(frame, uid), shows(truth, uid)
         assert theirs.sum() > 30 and frame.depth_m is not None and truth.depth_m is not None
         errors.append(np.abs(frame.rgb - truth.rgb)[theirs].mean())
@@ -225,7 +239,7 @@ def test_a_scaled_actor_is_looked_up_in_images_from_its_own_side(scenes: dict[st
 
 @pytest.mark.parametrize("name", list(UNTRAINED))
 def test_a_thing_that_nobody_annotated_is_moved(
-    name: str, scenes: dict[str, SurfelScene], log: Log, street: Street
+    name: str, scenes: dict[str, SurfelScene], log: Log, street: Street, recorded: CameraFrame
 ) -> None:
     """The builder's skip at the right kerb, put into the other lane."""
     skip = next(
@@ -243,7 +257,7 @@ def test_a_thing_that_nobody_annotated_is_moved(
     before = renderer(name, scenes, log).camera(CAMERA, FRAME, passes)
     drive = edited(log, *edits, boxes=boxes)
     after = renderer(name, scenes, log, drive).camera(CAMERA, FRAME, passes)
-    still = truth_camera(street, street.drive, CAMERA, FRAME)
+    still = recorded
     truth = truth_camera(street, edited(log, *edits, of=street.drive, boxes=boxes), CAMERA, FRAME)
     assert (
         before.depth_m is not None

@@ -20,7 +20,7 @@ from ...window import refresh
 from ..motion import displaced_along
 from .carrier import Carrier, Edited, Muted, register
 
-UNKNOWN = (0.0, 0.0, 0.0)
+UNKNOWN_SCALE = (0.0, 0.0, 0.0)
 """The noted scale of an object that none was noted of, as in files of earlier versions."""
 SAME_RISE_M = 1e-3
 """Heights that differ by less are the same."""
@@ -31,7 +31,7 @@ def stand(obj: bpy.types.Object) -> bool:
     whether it was scaled. A scale that was never noted is noted as it is."""
     about, now = obj.unisim, tuple(obj.scale)
     before = tuple(about.rest_scale)
-    if before == UNKNOWN:
+    if before == UNKNOWN_SCALE:
         about.rest_scale = now
         return False
     if now == before:

@@ -10,7 +10,7 @@ import click
 from ...evaluation.comparison.methods import ABLATIONS, BASELINES, OURS, USUAL
 from ...prepare.selection import split_names
 from ...progress import Bar
-from ...render.quality import QUALITY
+from ...render.quality import QUALITIES
 
 
 @click.command()
@@ -46,7 +46,7 @@ from ...render.quality import QUALITY
     help="Train on moving actors' boxes with noise, and tell how much of it is taken back.",
 )
 @click.option(
-    "--quality", type=click.Choice(list(QUALITY)), default="balanced", show_default=True, help="Samples a ray."
+    "--quality", type=click.Choice(list(QUALITIES)), default="balanced", show_default=True, help="Samples a ray."
 )
 @click.option("--lpips", metavar="FILE", type=click.Path(path_type=Path), help="Weights of LPIPS, to measure it.")
 @click.option(

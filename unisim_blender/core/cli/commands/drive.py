@@ -88,8 +88,8 @@ def command(
     from ...scenario.simulation import OTHERS, SimulationSpec
     from ...simulation.drivers import Endpoint, driver_named
     from ...simulation.rollout.run import Seeds, complete, run_seeds
-    from ...simulation.rollout.setup import note, open_scenario
-    from ...simulation.scores.summary import table as score_table
+    from ...simulation.rollout.setup import note_scenario, open_scenario
+    from ...simulation.scores.summary import score_table
 
     models = None if actors is None else {OTHERS: {"type": actors}}
     asked = SimulationSpec(start_s, duration_s, step_s, delay_s, seed, actors=models)
@@ -110,7 +110,7 @@ def command(
     opened = open_scenario(scenario, options)
     write = RolloutFormats(formats)(opened)
     simulation = opened.simulation(asked, kind, out)
-    note(simulation.scenario, out, resume)
+    note_scenario(simulation.scenario, out, resume)
     for sentence in simulation.plan.about.get("warnings", ()):
         click.echo(f"Warning: {sentence}", err=True)
     context = simulation.context

@@ -10,7 +10,7 @@ import click
 from ...data.splits import SPLITS
 from ...prepare.selection import split_names
 from ...progress import Bar
-from ...render.quality import QUALITY
+from ...render.quality import QUALITIES
 
 HELD_OUT = "1::2"
 """Frames that a split is measured on: even frames train, odd frames test."""
@@ -42,7 +42,7 @@ LEFT_TO_THE_FILE = ("by_sensor", "pixels", "chamfer_squared_m2", "depth_median_s
 )
 @click.option(
     "--quality",
-    type=click.Choice(list(QUALITY)),
+    type=click.Choice(list(QUALITIES)),
     default="balanced",
     show_default=True,
     help="Samples a ray.",

@@ -44,7 +44,7 @@ def command(
     Intervals hold 95 % of resamples of whole sequences, or of frames where there is one sequence alone.
     """
     from ...evaluation.autonomy.document import MetricsError, read_outputs
-    from ...evaluation.autonomy.measure import AGREEMENT_IOU, confident, measure, table
+    from ...evaluation.autonomy.measure import AGREEMENT_IOU, confident, measure, metrics_table
     from ...json_file import write_text
 
     given, wanted = read_outputs(outputs), read_outputs(labels)
@@ -52,7 +52,7 @@ def command(
     if ious is not None:
         thresholds = _thresholds(ious)
     metrics = measure(given, confident(wanted, label_score) if agreement else wanted, thresholds, resamples, seed)
-    for line in table(metrics):
+    for line in metrics_table(metrics):
         click.echo(line)
     if out is not None:
         write_text(out, json.dumps(metrics, indent=1) + "\n", MetricsError)

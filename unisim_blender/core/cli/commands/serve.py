@@ -9,7 +9,7 @@ import click
 from ...errors import UnisimError
 from ...prepare.scenario_plan import RenderOptions
 from ...prepare.selection import split_names
-from ...render.quality import QUALITY
+from ...render.quality import QUALITIES
 
 
 @click.command("serve")
@@ -29,7 +29,7 @@ from ...render.quality import QUALITY
 )
 @click.option("--sensors", metavar="A,B", help="Cameras and LiDARs by name. [default: all of the scenarios']")
 @click.option(
-    "--quality", type=click.Choice(list(QUALITY)), help="Samples per ray. [default: the scenarios', or balanced]"
+    "--quality", type=click.Choice(list(QUALITIES)), help="Samples per ray. [default: the scenarios', or balanced]"
 )
 @click.option("--renderer", metavar="NAME", help="As of `unisim render`.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")

@@ -301,7 +301,7 @@ def measure(
     return metrics if plan is None else {**metrics, "plans": plan}
 
 
-def table(metrics: dict[str, Any]) -> list[str]:
+def metrics_table(metrics: dict[str, Any]) -> list[str]:
     """Return the result of `measure` as lines to print: percent, with the interval that 95 % of resamples fall into."""
     lines = [f"{metrics['frames']} frames"]
     for name, values in metrics["classes"].items():

@@ -128,7 +128,7 @@ class Cell:
     best: bool = False
 
 
-def cells_of(table: ReportTable, rows: dict[str, dict[str, Any]]) -> tuple[list[str], dict[str, list[Cell]]]:
+def table_cells(table: ReportTable, rows: dict[str, dict[str, Any]]) -> tuple[list[str], dict[str, list[Cell]]]:
     """The headings of the columns in which any row has a value, and each row's cells."""
     columns = [column for column in table.columns if any(column.value(row) is not None for row in rows.values())]
     cells: dict[str, list[Cell]] = {name: [] for name in rows}
@@ -142,11 +142,11 @@ def cells_of(table: ReportTable, rows: dict[str, dict[str, Any]]) -> tuple[list[
     return [column.heading for column in columns], cells
 
 
-def markdown(title: str, about: str, tables: list[ReportTable], rows: dict[str, dict[str, Any]]) -> str:
+def comparison_markdown(title: str, about: str, tables: list[ReportTable], rows: dict[str, dict[str, Any]]) -> str:
     """All tables, rows by their titles; the best of a column in bold."""
     lines = [f"# {title}", "", about, ""]
     for table in tables:
-        headings, cells = cells_of(table, rows)
+        headings, cells = table_cells(table, rows)
         if not headings:
             continue
         lines += [f"## {table.title}", "", "| | " + " | ".join(headings) + " |", "|---" + "|---:" * len(headings) + "|"]
@@ -182,7 +182,7 @@ def page(
 
 
 def _table(table: ReportTable, rows: dict[str, dict[str, Any]]) -> str:
-    headings, cells = cells_of(table, rows)
+    headings, cells = table_cells(table, rows)
     if not headings:
         return ""
     head = "".join(f"<th>{escape(text)}</th>" for text in ("", *headings))

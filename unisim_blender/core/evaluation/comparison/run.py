@@ -21,7 +21,7 @@ from ..recorded_runs import Progress, perceptual_metric
 from ..tracklets import disturbance_taken_back
 from .measure import Case, ComparisonContext, cases_of, measured
 from .methods import METHODS, CompareOptions, methods_named
-from .page import markdown, page, tables_of
+from .page import comparison_markdown, page, tables_of
 from .renderers import MethodRenderer, make_renderer
 
 ROWS = "comparison.json"
@@ -118,7 +118,7 @@ def _write(
         "regions over all their pixels. Bold: the best of a column. Cost: dB below the replay of the same pixels."
     )
     tables = tables_of({case.name: case.moves_view for case in cases})
-    text = markdown(title, words, tables, rows)
+    text = comparison_markdown(title, words, tables, rows)
     write_file(out / ROWS, json_bytes({"about": about, "code": code_identity(), "rows": rows}))
     write_file(out / "comparison.md", text.encode())
     write_file(out / "index.html", page(out, title, words, tables, rows, cases, options.cameras).encode())

@@ -22,24 +22,24 @@ from ...geometry import BoolArray, FloatArray
 from ...sensors.rays import Rays
 from ...world.drive import Actor
 from ...world.replay import WorldState, with_windows
-from ..quality import QUALITY, Quality
+from ..quality import QUALITIES, Quality
 from ..tracer import Array
 from .surfels.model import SurfelScene
-from .surfels.placed import NOBODY, STATIC, PlacedSurfels, SurfelHits, carried
+from .surfels.placed import NO_OWNER, STATIC_OWNER, PlacedSurfels, SurfelHits, carried
 from .surfels.tracer import SurfelBackend, SurfelTracer
 from .surfels.views import RecordedView, open_view
 
-NEAREST = 2
+NEAREST_IMAGES = 2
 SHIFT_FRAMES = (0, -4, 4, -8, -12)
 """UniSim's supplementary, 2.1: two images for the recorded trajectory; beside it every fourth from 12 frames
 before to 4 after."""
-ASIDE_M = 0.5
+MIN_ASIDE_M = 0.5
 """A camera at least this far from its recorded trajectory counts as beside it."""
-SECOND_M = 0.5
+TIME_WEIGHT_M_PER_S = 0.5
 """A second's difference in time counts as so many metres: where the vehicle stands, what was seen last is nearest."""
-FACING = 0.2
+MIN_FACING_COSINE = 0.2
 """Cosine between a camera's axis and where rays go, from which on its images are looked at."""
-DEPTH_WIDTH = 640
+DEPTH_WIDTH_PX = 640
 MAX_CACHED_IMAGES = 24
 """Images that are held at once."""
 
@@ -82,7 +82,7 @@ class Sources:
         key = *source, shrink, elsewhere
         if key not in self._views:
             width = max(1, self.drive.cameras[source.camera].model.width // shrink)
-            depth_width = min(width, DEPTH_WIDTH)
+            depth_width = min(width, DEPTH_WIDTH_PX)
             hiding = [self.recorded[uid] for uid in elsewhere]
             view = open_view(self.log, *source, width, depth_width, self.surfels, hiding, self.outlines)
             time_s = np.array([view.camera.time_s[source.frame]])
@@ -102,12 +102,12 @@ class Sources:
         by_camera: list[list[SourceImage]] = []
         for name in self._facing(direction):
             times, poses = self.poses[name]
-            near = np.linalg.norm(poses[:, :3, 3] - origin, axis=1) + SECOND_M * np.abs(times - time_s)
+            near = np.linalg.norm(poses[:, :3, 3] - origin, axis=1) + TIME_WEIGHT_M_PER_S * np.abs(times - time_s)
             order = np.argsort(near, kind="stable")
             aside = poses[order[0], :3, :3].T @ (origin - poses[order[0], :3, 3])
             numbers = self.frames[name]
-            chosen = [numbers[i] for i in order[:NEAREST]]
-            if np.hypot(aside[0], aside[1]) > ASIDE_M:
+            chosen = [numbers[i] for i in order[:NEAREST_IMAGES]]
+            if np.hypot(aside[0], aside[1]) > MIN_ASIDE_M:
                 middle = numbers[int(order[0])]
                 chosen = [min(numbers, key=lambda frame: abs(frame - (middle + k))) for k in SHIFT_FRAMES]  # noqa: B023
             by_camera.append([SourceImage(name, frame) for frame in dict.fromkeys(chosen)])
@@ -118,7 +118,7 @@ class Sources:
         sources = []
         for name in self._facing(direction)[:1]:
             times, poses = self.poses[name]
-            near = np.linalg.norm(poses[:, :3, 3] - origin, axis=1) + SECOND_M * np.abs(times - time_s)
+            near = np.linalg.norm(poses[:, :3, 3] - origin, axis=1) + TIME_WEIGHT_M_PER_S * np.abs(times - time_s)
             middle = self.frames[name][int(near.argmin())]
             wanted = [middle + k for k in (-4, 4, -8, 8, -16, 16, -32, 32)]
             sources += [SourceImage(name, min(self.frames[name], key=lambda frame: abs(frame - k))) for k in wanted]  # noqa: B023
@@ -136,14 +136,15 @@ class Sources:
             ahead = np.einsum("nij,ni->nj", poses[:, :3, :3], inward[:, :3, 3] - poses[:, :3, 3])[:, 2] > 0
             near = np.where(there & ahead, np.linalg.norm(local - place, axis=1), np.inf)
             distances += [
-                (near[i], SourceImage(name, self.frames[name][i])) for i in np.argsort(near, kind="stable")[:NEAREST]
+                (near[i], SourceImage(name, self.frames[name][i]))
+                for i in np.argsort(near, kind="stable")[:NEAREST_IMAGES]
             ]
-        return [source for distance, source in sorted(distances) if np.isfinite(distance)][:NEAREST]
+        return [source for distance, source in sorted(distances) if np.isfinite(distance)][:NEAREST_IMAGES]
 
     def _facing(self, direction: FloatArray) -> list[str]:
         """Cameras by how well they face a direction (3,)."""
         facing = {name: float(poses[:, :3, 2].mean(0) @ direction) for name, (_, poses) in self.poses.items()}
-        return [name for name in sorted(facing, key=lambda n: (-facing[n], n)) if facing[name] > FACING]
+        return [name for name in sorted(facing, key=lambda n: (-facing[n], n)) if facing[name] > MIN_FACING_COSINE]
 
     def unedited(self, actor: Actor, state: WorldState) -> bool:
         """Whether an actor of a state goes the way that was recorded, as large as it was."""
@@ -155,9 +156,9 @@ class Sources:
 
 
 Numbers = NDArray[np.int64]
-SHARP_RAD = 0.004
+MIN_ANGLE_RAD = 0.004
 """Rays that come nearer to each other than this count alike."""
-FEATHER = 0.04
+FEATHER_SHARE = 0.04
 """An image counts less and less over this share of its width, towards its edges."""
 
 
@@ -167,7 +168,7 @@ class WarpBackend(SurfelBackend):
     sees_all = True  # recorded images show actors that are elsewhere now
 
     def __init__(
-        self, scene: SurfelScene, log: Log, frames: Sequence[int], quality: Quality = QUALITY["balanced"]
+        self, scene: SurfelScene, log: Log, frames: Sequence[int], quality: Quality = QUALITIES["balanced"]
     ) -> None:
         super().__init__(scene, log.drive, quality)
         self.log, self.frames = log, frames
@@ -202,7 +203,7 @@ class WarpTracer(SurfelTracer):
             for source in self.sources.about(origin, direction, time_s):
                 self._add(total, rays, hits, here, source, pixel_rad)
             bare = here[total[here, 3] == 0]
-            bare = bare[hits.owner[bare] != NOBODY]
+            bare = bare[hits.owner[bare] != NO_OWNER]
             for source in self.sources.farther(origin, direction, time_s) if len(bare) else ():
                 self._add(total, rays, hits, bare, source, pixel_rad)
                 bare = bare[total[bare, 3] == 0]
@@ -234,9 +235,9 @@ class WarpTracer(SurfelTracer):
         view = self.sources.view(source, self.sources.shrink(source.camera, pixel_rad), self.elsewhere)
         for owner in np.unique(hits.owner[chosen]).tolist():
             mine = chosen[hits.owner[chosen] == owner]
-            if owner == NOBODY:
+            if owner == NO_OWNER:
                 self._add_beyond(total, rays, mine[total[mine, 3] == 0], view)
-            elif owner == STATIC:
+            elif owner == STATIC_OWNER:
                 points = rays.origins[mine] + rays.directions[mine] * hits.t[mine, None]
                 self._add_seen(total, rays.directions[mine], points, mine, view, view.of_static(points), True)
             elif owner < len(self.active.own.actors):
@@ -277,8 +278,10 @@ class WarpTracer(SurfelTracer):
         theirs /= np.maximum(np.linalg.norm(theirs, axis=1, keepdims=True), 1e-9)
         angle = np.linalg.norm(theirs - ours[inside], axis=1)
         model = view.camera.model
-        edge = np.minimum(np.minimum(u, model.width - u), np.minimum(v, model.height - v)) / (FEATHER * model.width)
-        weight = np.clip(edge, 1e-3, 1.0) / (SHARP_RAD + angle) ** 2
+        edge = np.minimum(np.minimum(u, model.width - u), np.minimum(v, model.height - v)) / (
+            FEATHER_SHARE * model.width
+        )
+        weight = np.clip(edge, 1e-3, 1.0) / (MIN_ANGLE_RAD + angle) ** 2
         total[mine, :3] += weight[:, None] * view.sample(u, v)
         total[mine, 3] += weight
 

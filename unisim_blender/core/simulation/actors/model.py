@@ -75,7 +75,7 @@ class Model(ABC):
     """The JSON Schema of each field; fields without a default are required."""
 
     def __post_init__(self) -> None:
-        check_parameters(plain(self), {"properties": self.members}, self.type)
+        check_parameters(parameters_to_json(self), {"properties": self.members}, self.type)
         self.check()
 
     def check(self) -> None:  # noqa: B027 most models have nothing to say
@@ -95,7 +95,7 @@ class Model(ABC):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form: ``type`` and every member."""
-        return {"type": self.type, **plain(self)}
+        return {"type": self.type, **parameters_to_json(self)}
 
 
 def step_all(
@@ -180,14 +180,14 @@ def models_schema() -> Schema:
     }
 
 
-def plain(value: Any) -> Any:
+def parameters_to_json(value: Any) -> Any:
     """Return parameters as JSON values; members that are None are left out of what is not a model itself."""
     if isinstance(value, Model):
-        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+        return {field.name: parameters_to_json(getattr(value, field.name)) for field in fields(value)}
     if is_dataclass(value):
         members = {field.name: getattr(value, field.name) for field in fields(value)}
         return {name: member for name, member in members.items() if member is not None}
-    return [plain(item) for item in value] if isinstance(value, tuple) else value
+    return [parameters_to_json(item) for item in value] if isinstance(value, tuple) else value
 
 
 def _build(hint: Any, value: Any) -> Any:

@@ -27,7 +27,7 @@ from ..edits import edits_of
 from ..world import World, recorded_keys
 from .loop import Rollout, roll_out
 from .score import SCORES_NAME, scores_of
-from .setup import OpenedScenario, Simulation, note, open_scenario
+from .setup import OpenedScenario, Simulation, note_scenario, open_scenario
 from .steps import SCENARIO_NAME
 
 
@@ -147,7 +147,7 @@ class Seeds:
     def _simulation(self, opened: OpenedScenario, seed: int) -> Simulation:
         out = self.out / f"seed-{seed}"
         simulation = opened.simulation(replace(self.asked, seed=seed), driver_named(self.driver, self.endpoint), out)
-        note(simulation.scenario, out, self.resume)
+        note_scenario(simulation.scenario, out, self.resume)
         return simulation
 
 

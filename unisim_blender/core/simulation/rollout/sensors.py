@@ -83,11 +83,11 @@ class SimulatedSensors:
                 shot = self._written(identities, render, exposure, self.out)
             self.frames[exposure.capture.sensor_id] = shot
             if isinstance(shot, LidarFrame):
-                sweeps.append(sweep_of(exposure, sweep_points(shot)))
+                sweeps.append(delivered_sweep(exposure, sweep_points(shot)))
                 continue
             if shot.unsupported is not None:
                 self.unsupported[exposure.capture.sensor_id] = float(np.mean(shot.unsupported))
-            images.append(image_of(exposure, bytes_from_srgb(shot.rgb)))
+            images.append(delivered_image(exposure, bytes_from_srgb(shot.rgb)))
         return images, sweeps
 
     def _written(
@@ -124,10 +124,10 @@ class SimulatedSensors:
                 raise OutputError(f"{self.out}: {name} of {moment.name} is missing or was changed; name another folder")
             if is_camera:
                 rgb = np.asarray(PillowImage.open(camera_path(self.out, sensor_id, moment.name, ".png")).convert("RGB"))
-                images.append(image_of(exposure, rgb))
+                images.append(delivered_image(exposure, rgb))
             else:
                 with np.load(lidar_path(self.out, sensor_id, moment.name, ".npz")) as file:
-                    sweeps.append(sweep_of(exposure, file))
+                    sweeps.append(delivered_sweep(exposure, file))
         return images, sweeps
 
 
@@ -143,12 +143,12 @@ def moment_of(drive: Drive, capture: Capture) -> Moment:
     return Moment.at(drive, capture.time_us, *(([capture.sensor_id], []) if is_camera else ([], [capture.sensor_id])))
 
 
-def image_of(exposure: Exposure, rgb: NDArray[np.uint8]) -> CameraImage:
+def delivered_image(exposure: Exposure, rgb: NDArray[np.uint8]) -> CameraImage:
     """Return an image as drivers get it."""
     return CameraImage(exposure.capture.sensor_id, exposure.capture.time_us, exposure.start_us, exposure.end_us, rgb)
 
 
-def sweep_of(exposure: Exposure, points: SweepPoints) -> LidarSweep:
+def delivered_sweep(exposure: Exposure, points: SweepPoints) -> LidarSweep:
     """Return a sweep as drivers get it: what a return belongs to is not measured."""
     capture = exposure.capture
     return LidarSweep(capture.sensor_id, capture.time_us, exposure.start_us, exposure.end_us, without_instances(points))
@@ -192,7 +192,7 @@ class HiddenActors:
         images, sweeps = [], []
         unsupported: dict[str, float] = {}
         for exposure in exposures:
-            seen = without(drive, self.hidden.get(exposure.capture.sensor_id, frozenset()))
+            seen = without_actors(drive, self.hidden.get(exposure.capture.sensor_id, frozenset()))
             delivered = self.sensors.render(seen, [exposure]) if renders else self.sensors.read(seen, [exposure])
             images += delivered[0]
             sweeps += delivered[1]
@@ -201,7 +201,7 @@ class HiddenActors:
         return images, sweeps
 
 
-def without(drive: Drive, uids: AbstractSet[str]) -> Drive:
+def without_actors(drive: Drive, uids: AbstractSet[str]) -> Drive:
     """Return a drive without some of its actors."""
     if not uids:
         return drive

@@ -232,7 +232,7 @@ def open_simulation(
     Raises `UnisimError`; `OutputError` where ``out`` is not empty and ``resume`` is not set, or holds something else.
     """
     simulation = open_scenario(source, options, load).simulation(asked, kind, out)
-    note(simulation.scenario, out, resume)
+    note_scenario(simulation.scenario, out, resume)
     return simulation
 
 
@@ -246,7 +246,7 @@ def merged(scenario: Scenario, asked: SimulationSpec) -> SimulationSpec:
     return spec
 
 
-def note(scenario: Scenario, out: Path, resume: bool) -> None:
+def note_scenario(scenario: Scenario, out: Path, resume: bool) -> None:
     """Write the scenario that is simulated into folder ``out``, or check that it is the one of the rollout that is resumed.
     Raises `OutputError`."""
     path = out / BASE_NAME

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...geometry import BoolArray, FloatArray, transform_points
 from ...world.polyline import Polyline
-from ..footprints import box_corners
+from ..footprints import footprint_corners
 from .record import Record, RecordError
 
 RoadTest = Callable[[FloatArray], BoolArray]
@@ -46,7 +46,7 @@ def off_road(record: Record, on_road: RoadTest | None = None, corridor_width_m: 
     path of the log's ego or of one of `Record.recorded_paths`: a stand-in that knows no more than where somebody
     drove. Raises `RecordError` where ``on_road`` answers anything but one truth value for each point.
     """
-    corners = box_corners(record.ego_boxes).reshape(-1, 2)
+    corners = footprint_corners(record.ego_boxes).reshape(-1, 2)
     if on_road is not None:
         inside = np.asarray(on_road(corners))
         if inside.shape != (len(corners),) or inside.dtype != np.bool_:

@@ -112,7 +112,7 @@ def _comfort(comfort: Comfort) -> dict[str, Any]:
 UNITS = {"m_s2": "m/s²", "m_s3": "m/s³", "rad_s": "rad/s", "rad_s2": "rad/s²"}
 
 
-def table(scores: dict[str, Any]) -> str:
+def score_table(scores: dict[str, Any]) -> str:
     """Lines of text, a score each, of what `summary.summarise` returned or wrote as JSON. A score that could not be
     computed is a dash and the reason."""
     rows = [("rollout", f"{scores['steps']} steps, {scores['duration_s']:.2f} s, {scores['actors']} actors")]

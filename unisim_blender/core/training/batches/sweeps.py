@@ -121,7 +121,7 @@ def all_sweeps_fit(drive: Drive, captures: Sequence[SweepRef]) -> bool:
     return len(captures) <= MEMORY_SWEEPS and len(captures) * rays * RAY_BYTES <= MEMORY_BYTES
 
 
-def spread_over(drive: Drive, captures: Sequence[SweepRef]) -> list[int]:
+def first_sweeps(drive: Drive, captures: Sequence[SweepRef]) -> list[int]:
     """Return numbers of the captures that are read before the first step: of each LiDAR evenly along the drive."""
     chosen: list[int] = []
     for name in dict.fromkeys(lidar for lidar, _ in captures):
@@ -158,7 +158,7 @@ class SweepWindow:
         self.corner = corner
         self._log, self._captures, self._mark = log, list(captures), mark
         self._actors = list(actors)
-        first = spread_over(log.drive, captures)
+        first = first_sweeps(log.drive, captures)
         self._rays = rays_at_most(log.drive, {lidar for lidar, _ in captures})
         slots = min(len(captures) + AHEAD, max(len(first) + 2 * AHEAD, limit // (RAY_BYTES * self._rays)))
         self._origins, self._directions = (np.zeros((slots, self._rays, 3), np.float32) for _ in range(2))

@@ -286,7 +286,7 @@ class Adversary:
         self.optimiser.load_state_dict({"state": steps, "param_groups": groups})
 
 
-def shifted(patch: PatchBatch, generator: torch.Generator, reach_m: float = SHIFT_M) -> PatchBatch:
+def shifted_patches(patch: PatchBatch, generator: torch.Generator, reach_m: float = SHIFT_M) -> PatchBatch:
     """The same patches seen from origins moved sideways, each patch by its own random distance up to ``reach_m``."""
     patches = len(patch.camera)
     device = patch.rays.origins.device

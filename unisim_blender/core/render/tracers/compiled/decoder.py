@@ -13,7 +13,15 @@ from .... import native
 from ....errors import SceneError, UnisimError
 from ....model.config import ModelConfig
 from ....model.scene_file import Weights
-from ....model.shapes import LIDAR_INPUTS, SH_WIDTH, Convolution, camera_codes, convolutions, decoder_reach, perceptrons
+from ....model.shapes import (
+    LIDAR_INPUTS,
+    SH_WIDTH,
+    Convolution,
+    camera_codes,
+    convolutions,
+    decoder_reach,
+    perceptrons,
+)
 from ...tracer import Array
 from .structs import floats
 

@@ -47,7 +47,7 @@ from ....model.shapes import (
     stored_voxels,
 )
 from ....model.volume import Volume
-from ....ops.constants import CLEARANCE_M, DECAY_PER_M, GROUND_CELL_M, GROUND_LIGHT_RADIUS_M
+from ....ops.constants import DECAY_PER_M, GROUND_CELL_M, GROUND_CLEARANCE_M, GROUND_LIGHT_RADIUS_M
 from ....ops.grid_shape import GridArrays, GridShape
 from .decoder import Decoder
 from .structs import FieldStruct, SceneStruct, address, doubles, floats
@@ -122,13 +122,17 @@ def _library_hash() -> str:
     return "" if library is None else sha256_of_file(Path(library._name))
 
 
-TAKEN = {"density": ("logistic", "unisim"), "colour": ("decoded",), "actors": ("hypernetwork", "tables")}
+SUPPORTED_VALUES = {"density": ("logistic", "unisim"), "colour": ("decoded",), "actors": ("hypernetwork", "tables")}
 """Values that the kernels know."""
 
 
 def not_taken(config: ModelConfig) -> str:
     """The values of a configuration that the kernels do not know, in words; "" where they know them all."""
-    return " and ".join(f"{name} {value!r}" for name in TAKEN if (value := getattr(config, name)) not in TAKEN[name])
+    return " and ".join(
+        f"{name} {value!r}"
+        for name in SUPPORTED_VALUES
+        if (value := getattr(config, name)) not in SUPPORTED_VALUES[name]
+    )
 
 
 MAX_BETA = 1e4
@@ -199,7 +203,7 @@ class CompiledScene:
             ground=address(self._ground),
             ground_shape=(ctypes.c_int32 * 2)(*ground),
             ground_m=GROUND_CELL_M,
-            ground_clearance_m=CLEARANCE_M,
+            ground_clearance_m=GROUND_CLEARANCE_M,
             light=light,
             light_home=address(home),
             light_reach_m=GROUND_LIGHT_RADIUS_M,

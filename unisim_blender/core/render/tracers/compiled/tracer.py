@@ -24,8 +24,18 @@ from ....sensors.rays import Rays, sound_directions
 from ....world.drive import Actor, Box
 from ....world.replay import PaddedKeys, WorldState
 from ...observed_space import Observed, ObservedSpace
-from ...quality import QUALITY, Quality
-from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, ActiveActors, Array, Maps, TraceResult, active_actors, tiled
+from ...quality import QUALITIES, Quality
+from ...tracer import (
+    FOREIGN_EDGE_CELLS,
+    NEAR_M,
+    UNIFORM_STEP_M,
+    ActiveActors,
+    Array,
+    Maps,
+    TraceResult,
+    active_actors,
+    tiled,
+)
 from .decoder import extended_over_edges, resized, sigmoid
 from .scene import CompiledScene
 from .structs import (
@@ -108,14 +118,14 @@ class CompiledActors:
 
 CHUNK_RAYS = 1 << 18
 """Rays per call of the kernel: between two calls Python can be interrupted."""
-EVERY = 16
+STATS_RAY_STRIDE = 16
 """One in so many rays is used to estimate how many samples were saved."""
 STEP_GROWTH_PER_M = 0.02
 """Growth of the march's longest step per metre of distance, relative: what is far away is small in the image."""
 MIN_SLOPE = 0.2
 """Behind a surface the distance is taken to fall by at least this much per metre."""
 MIN_STEP_M = 0.01
-SPLIT_WEIGHT = 0.2
+MIN_SPLIT_WEIGHT = 0.2
 """Intervals of a smaller weight are not halved."""
 
 
@@ -128,7 +138,7 @@ class CompiledBackend:
     def __init__(
         self,
         scene: CompiledScene,
-        quality: Quality = QUALITY["balanced"],
+        quality: Quality = QUALITIES["balanced"],
         others: Mapping[str, CompiledScene] | None = None,
     ) -> None:
         self.scene, self.others = scene, dict(others or {})
@@ -176,7 +186,7 @@ class CompiledTracer:
         self.upsample, self.trained_width = scene.config.upsample, scene.header.training.get("width")
         # decoders that use neighbouring cells look past a foreign actor's edges
         alone = all(s.decoder.reach == 0 and s.config.upsample == 1 for s in (scene, *self._foreign))
-        self._edge = 0 if alone else EDGE_CELLS
+        self._edge = 0 if alone else FOREIGN_EDGE_CELLS
         self.reach = scene.decoder.reach + (self._edge if self._foreign else 0)
 
     def trace(
@@ -276,18 +286,18 @@ class CompiledTracer:
             background=1,
             sky=int(sky), stride_m=q.stride_m, step_growth_per_m=STEP_GROWTH_PER_M, relaxation=q.relaxation,
             min_slope=MIN_SLOPE,
-            min_step_m=MIN_STEP_M, splits=q.splits, split_weight=SPLIT_WEIGHT,
+            min_step_m=MIN_STEP_M, splits=q.splits, split_weight=MIN_SPLIT_WEIGHT,
         )  # fmt: skip
 
     def _uniform(self, rays: Rays) -> int:
         """Estimate how many samples even steps through the volume would take, from some of the rays."""
-        rays = Rays(*(x[::EVERY] for x in (rays.origins, rays.directions, rays.time_s)))
+        rays = Rays(*(x[::STATS_RAY_STRIDE] for x in (rays.origins, rays.directions, rays.time_s)))
         o = self.scene.into_volume(rays.origins)
         d = self.scene.into_volume(rays.directions) - self.scene.into_volume(np.zeros((1, 3)))
         safe = np.where(np.abs(d) < 1e-9, 1e-9, d)
         a, b = -o / safe, (self.scene.volume.size_m - o) / safe
         near, far = np.minimum(a, b).max(1).clip(NEAR_M), np.maximum(a, b).min(1)
-        return EVERY * int(np.ceil(np.maximum(far - near, 0) / UNIFORM_STEP_M).sum())
+        return STATS_RAY_STRIDE * int(np.ceil(np.maximum(far - near, 0) / UNIFORM_STEP_M).sum())
 
     def image(self, traced: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """See `tracer.Tracer`."""

@@ -16,7 +16,7 @@ from ....data.log import Log, Sweep
 from ....data.own_vehicle import Outline
 from ....errors import LogError, SceneError
 from ....geometry import FloatArray
-from ....ops.constants import CLEARANCE_M, GROUND_CELL_M, SYMMETRIC_CLASSES
+from ....ops.constants import GROUND_CELL_M, GROUND_CLEARANCE_M, SYMMETRIC_CLASSES
 from ....sensors.rays import Rays
 from ....world.drive import Actor
 from ....world.own_rates import captures_of
@@ -27,7 +27,7 @@ from .colours import SurfelPainter
 from .exposure import Exposures
 from .ground import HeightGrid, height_grid
 from .model import DropTable, SurfelScene, SurfelSet, SurfelSettings, joined, make_faces
-from .placed import NOBODY, STATIC, PlacedSurfels, carried
+from .placed import NO_OWNER, STATIC_OWNER, PlacedSurfels, carried
 from .views import open_view, outline_in
 
 PointArray = NDArray[np.float32]
@@ -79,30 +79,30 @@ class Neighbours:
         return planes
 
 
-NEIGHBOURS, RADIUS_M = 200, 0.2
-"""A normal is that of at most so many points this near; where they are fewer than `FEW`, of `FEW_RADIUS_M`."""
-FEW, FEW_RADIUS_M, FEW_NEIGHBOURS = 8, 0.6, 24
-FEET_M = 3 * CLEARANCE_M
+NORMAL_NEIGHBOURS, NORMAL_RADIUS_M = 200, 0.2
+"""A normal is that of at most so many points this near; where they are fewer than `MIN_NEIGHBOURS`, of `SPARSE_RADIUS_M`."""
+MIN_NEIGHBOURS, SPARSE_RADIUS_M, SPARSE_NEIGHBOURS = 8, 0.6, 24
+ROAD_IN_BOX_M = 3 * GROUND_CLEARANCE_M
 """So far up an actor's box what returned may be the road under it."""
-MIRROR_M = 0.2
+MIRROR_RADIUS_M = 0.2
 """A vehicle's other side counts where nothing of this one is as near."""
-GAP_M, GAPS_WITHIN_M = 0.2, 30.0
+GROUND_GAP_M, GROUND_REACH_M = 0.2, 30.0
 """Ground gets a face in squares of this edge where none lies yet, so near the vehicle's trajectory."""
-SPACING_OF = 6
+SPACING_NEIGHBOURS = 6
 """How densely points lie is told by the distance to this many neighbours."""
-FLAT = 0.15
+MAX_FLAT_DEVIATION = 0.15
 """Faces grow where points deviate from their plane by less than this share of the distance between them."""
-SPACING = 1.1
+CORNER_SPACING_FACTOR = 1.1
 """A face's corners are as far from its middle as so many times that distance."""
-BATCH = 1 << 17
-IMAGES = 16
+BATCH_POINTS = 1 << 17
+IMAGES_PER_CAMERA = 16
 """Images of each camera, spread over the drive, that faces are painted from."""
-IMAGE_WIDTH, DEPTH_WIDTH = 960, 320
+IMAGE_WIDTH_PX, DEPTH_WIDTH_PX = 960, 320
 DROP_SWEEPS = 6
 
 
 PRUNING_SWEEPS, PRUNING_ROUNDS = 12, 2
-THROUGH_M, THROUGH_SHARE = 0.3, 0.01
+PASS_THROUGH_M, MAX_PASS_THROUGH_SHARE = 0.3, 0.01
 """A beam that returned farther away than this behind a face went through it."""
 
 
@@ -138,13 +138,13 @@ def build_surfels(
             mine = np.flatnonzero(owner == index)
             origins = carried(actors[index], sweep.time_s[mine], sweep.origins[mine], back=True)
             # what may be the road under an actor is told apart once the road is known
-            low = places[mine, 2] < -actors[index].size_m[2] / 2 + FEET_M
+            low = places[mine, 2] < -actors[index].size_m[2] / 2 + ROAD_IN_BOX_M
             own[index].add(places[mine[~low]], sweep.intensity[mine[~low]], origins[~low])
             feet.append((index, part_of(sweep, mine[low]), places[mine[low]], origins[low]))
     static.merge()
     ground = height_grid(static.points)
     for index, sweep, places, origins in feet:
-        above = sweep.points[:, 2] > ground.at(sweep.points) + CLEARANCE_M
+        above = sweep.points[:, 2] > ground.at(sweep.points) + GROUND_CLEARANCE_M
         own[index].add(places[above], sweep.intensity[above], origins[above])
         static.add(sweep.points[~above], sweep.intensity[~above], sweep.origins[~above])
     sets = {}
@@ -171,7 +171,7 @@ def build_surfels(
     images = [(name, frame) for name in drive.cameras for frame in _chosen_images(log, name, chosen)]
     for number, (name, frame) in enumerate(images):
         yield Step("Painting faces from images", 0.63 + 0.32 * number / len(images))
-        painter.paint(open_view(log, name, frame, IMAGE_WIDTH, DEPTH_WIDTH, surfels, actors, outlines))
+        painter.paint(open_view(log, name, frame, IMAGE_WIDTH_PX, DEPTH_WIDTH_PX, surfels, actors, outlines))
     gains = painter.gains()
     times = [drive.cameras[name].time_s[frame] for name, frame in images]
     exposures = Exposures.of([name for name, _ in images], times, gains)
@@ -233,7 +233,10 @@ def _mirrored(cloud: PointSums, actor: Actor) -> _Returns:
         return own
     flip = np.array([1.0, -1.0, 1.0])
     other = _Returns(own.points * flip, own.intensity, own.sensors * flip)
-    lonely = Neighbours(own.points.astype(np.float32), MIRROR_M).planes(other.points.astype(np.float32), 1).number == 0
+    lonely = (
+        Neighbours(own.points.astype(np.float32), MIRROR_RADIUS_M).planes(other.points.astype(np.float32), 1).number
+        == 0
+    )
     return _Returns(*(np.concatenate([a, b[lonely]]) for a, b in zip(own, other, strict=True)))
 
 
@@ -247,18 +250,20 @@ def _faces(returns: _Returns, settings: SurfelSettings) -> Generator[float, None
     )
     total = total / total[:, 7:] if len(key) else total
     places, intensity, sensors = total[:, :3], total[:, 3], total[:, 4:7]
-    about, wide = (Neighbours(returns.points.astype(np.float32), radius) for radius in (RADIUS_M, FEW_RADIUS_M))
+    about, wide = (
+        Neighbours(returns.points.astype(np.float32), radius) for radius in (NORMAL_RADIUS_M, SPARSE_RADIUS_M)
+    )
     sparse = Neighbours(places.astype(np.float32), settings.face_max_m)
     normals, spacing = np.zeros((len(places), 3), np.float32), np.zeros(len(places))
-    for begin in range(0, len(places), BATCH):
+    for begin in range(0, len(places), BATCH_POINTS):
         yield begin / len(places)
-        part = slice(begin, begin + BATCH)
+        part = slice(begin, begin + BATCH_POINTS)
         at = places[part].astype(np.float32)
-        planes = about.planes(at, NEIGHBOURS)
+        planes = about.planes(at, NORMAL_NEIGHBOURS)
         normal, height, rough = planes.normal.copy(), planes.height_m.copy(), planes.rough_m.copy()
-        few = np.flatnonzero(planes.number < FEW)
+        few = np.flatnonzero(planes.number < MIN_NEIGHBOURS)
         if len(few):
-            more = wide.planes(at[few], FEW_NEIGHBOURS)
+            more = wide.planes(at[few], SPARSE_NEIGHBOURS)
             normal[few], height[few], rough[few] = more.normal, more.height_m, more.rough_m
         to_sensor = sensors[part] - places[part]
         to_sensor /= np.maximum(np.linalg.norm(to_sensor, axis=1, keepdims=True), 1e-9)
@@ -266,11 +271,11 @@ def _faces(returns: _Returns, settings: SurfelSettings) -> Generator[float, None
         normal[none] = to_sensor[none]
         places[part] += normal * np.clip(height, -settings.voxel_m / 2, settings.voxel_m / 2)[:, None]
         normals[part] = np.where(np.einsum("ni,ni->n", normal, to_sensor)[:, None] < 0, -normal, normal)
-        near = sparse.planes(at, SPACING_OF + 1)
+        near = sparse.planes(at, SPACING_NEIGHBOURS + 1)
         # what stands alone, or on no plane, stays small
-        flat = (near.number > SPACING_OF) & (rough < FLAT * near.reach_m)
+        flat = (near.number > SPACING_NEIGHBOURS) & (rough < MAX_FLAT_DEVIATION * near.reach_m)
         spacing[part] = np.where(flat, near.reach_m, 0.0)
-    radius = np.clip(SPACING * spacing, settings.face_m, max(settings.face_max_m, settings.face_m))
+    radius = np.clip(CORNER_SPACING_FACTOR * spacing, settings.face_m, max(settings.face_max_m, settings.face_m))
     return make_faces(places, normals, radius, intensity)
 
 
@@ -282,19 +287,19 @@ def _gaps(faces: SurfelSet, ground: HeightGrid, trajectory: FloatArray) -> Surfe
     reach = np.full(len(cells), np.inf)
     for place in trajectory[:: max(1, len(trajectory) // 40), :2]:
         reach = np.minimum(reach, np.linalg.norm(cells - place, axis=1))
-    cells = cells[reach < GAPS_WITHIN_M]
-    offsets = (np.arange(GROUND_CELL_M / GAP_M) + 0.5) * GAP_M - GROUND_CELL_M / 2
+    cells = cells[reach < GROUND_REACH_M]
+    offsets = (np.arange(GROUND_CELL_M / GROUND_GAP_M) + 0.5) * GROUND_GAP_M - GROUND_CELL_M / 2
     inside = np.stack(np.meshgrid(offsets, offsets, indexing="ij"), -1).reshape(-1, 2)
     points = np.concatenate([(cells[:, None] + inside).reshape(-1, 2), np.zeros((len(cells) * len(inside), 1))], 1)
     points[:, 2] = ground.at(points)
     centres = faces.centres
-    low = np.abs(centres[:, 2] - ground.at(centres)) < 3 * CLEARANCE_M
-    about = Neighbours(centres[low].astype(np.float32), GAP_M / 2)
+    low = np.abs(centres[:, 2] - ground.at(centres)) < 3 * GROUND_CLEARANCE_M
+    about = Neighbours(centres[low].astype(np.float32), GROUND_GAP_M / 2)
     points = points[about.planes(points.astype(np.float32), 1).number == 0]
     n = len(points)
     up = np.tile(np.array([[0, 0, 1]], np.float32), (n, 1))
     level = float(np.median(faces.intensity[low])) if low.any() else 0.1
-    return make_faces(points, up, np.full(n, 1.3 * GAP_M), np.full(n, level), np.zeros(n, bool))
+    return make_faces(points, up, np.full(n, 1.3 * GROUND_GAP_M), np.full(n, level), np.zeros(n, bool))
 
 
 def _captures(log: Log, lidar: str, chosen: set[int]) -> list[int]:
@@ -305,13 +310,13 @@ def _chosen_images(log: Log, camera: str, chosen: set[int]) -> list[int]:
     """Of a camera's images those that are spread over the way that the vehicle goes."""
     taken = log.drive.cameras[camera].time_s
     frames = captures_of(taken, log.drive, sorted(chosen), log.image_frames(camera))
-    if len(frames) <= IMAGES:
+    if len(frames) <= IMAGES_PER_CAMERA:
         return frames
     times = [log.drive.time_s[frame] if frame in log.drive.time_s else taken[frame] for frame in frames]
     ego = log.drive.world_from_ego.at(np.array(times))[:, :3, 3]
     # a vehicle that stands sees others pass: time counts too
     trajectory = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(ego, axis=0), axis=1) + 0.05)]
-    wanted = np.linspace(0, trajectory[-1], IMAGES)
+    wanted = np.linspace(0, trajectory[-1], IMAGES_PER_CAMERA)
     return sorted({frames[int(np.abs(trajectory - at).argmin())] for at in wanted})
 
 
@@ -332,14 +337,14 @@ def _pruned(surfels: PlacedSurfels, log: Log, name: str, frame: int) -> PlacedSu
     depth = grid.depth_m[grid.returned].astype(np.float64)
     for _ in range(PRUNING_ROUNDS):
         hits = surfels.first(rays, NEAR_M)
-        through = hits.t < depth * (1 - THROUGH_SHARE) - THROUGH_M
-        sets = {STATIC: surfels.static, **{number: faces for number, (_, faces) in enumerate(surfels.placed)}}
+        through = hits.t < depth * (1 - MAX_PASS_THROUGH_SHARE) - PASS_THROUGH_M
+        sets = {STATIC_OWNER: surfels.static, **{number: faces for number, (_, faces) in enumerate(surfels.placed)}}
         for owner in np.unique(hits.owner[through]).tolist():
             mine, count = hits.owner == owner, len(sets[owner])
             passed = np.bincount(hits.face[mine & through], minlength=count)
             stopped = np.bincount(hits.face[mine & ~through], minlength=count)
             sets[owner] = sets[owner].without(passed > stopped)
-        static = sets.pop(STATIC)
+        static = sets.pop(STATIC_OWNER)
         surfels = PlacedSurfels(static, [(actor, sets[number]) for number, (actor, _) in enumerate(surfels.placed)])
     return surfels
 
@@ -349,7 +354,7 @@ def _count_drops(drops: DropTable, log: Log, name: str, frame: int, surfels: Pla
     cells = ~grid.blocked
     rays = Rays(grid.origins[cells], grid.directions[cells], grid.time_s[cells])
     hits = surfels.first(rays, NEAR_M)
-    hit = hits.owner != NOBODY
+    hit = hits.owner != NO_OWNER
     cosine = np.abs(np.einsum("ni,ni->n", surfels.normals(hits, rays), rays.directions))
     intensity = surfels.gathered(hits, "intensity", (), np.float64)
     return drops.counted(hits.t[hit], cosine[hit], intensity[hit], grid.returned[cells][hit])

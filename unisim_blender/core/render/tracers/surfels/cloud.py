@@ -13,20 +13,20 @@ from ....data.log import Sweep
 from ....geometry import FloatArray, invert_pose
 from ....world.drive import Actor, Drive
 
-FINE_M = 0.04
+POINT_CELL_M = 0.04
 """Returns in one cube of this edge become one point, their mean: what range noise there is averages out."""
-MARGIN_M = np.array([0.15, 0.15, 0.1])
+BOX_MARGINS_M = np.array([0.15, 0.15, 0.1])
 """Margins beside an actor's box, metres, within which returns are the actor's too: annotated boxes are tight."""
-SLACK_M = 4.0
+ACTOR_MOTION_SLACK_M = 4.0
 """How far an actor may be, at a return's time, from where it is at the sweep's."""
-MERGE_POINTS = 1 << 21
+MERGE_BATCH_POINTS = 1 << 21
 
 
 @dataclass
 class PointSums:
     """Points as sums: key (N,) of cubes, rising; total (N, 8) of x, y, z, intensity, the sensor's x, y, z, and 1."""
 
-    edge_m: float = FINE_M
+    edge_m: float = POINT_CELL_M
     key: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     total: FloatArray = field(default_factory=lambda: np.zeros((0, 8)))
     _waiting: list[tuple[NDArray[np.int64], FloatArray]] = field(default_factory=list)
@@ -37,7 +37,7 @@ class PointSums:
         rows = np.concatenate([points, intensity[:, None], origins, np.ones((len(points), 1))], 1)
         self._waiting.append((cube_keys(points, self.edge_m), rows))
         self._count += len(points)
-        if self._count >= MERGE_POINTS:
+        if self._count >= MERGE_BATCH_POINTS:
             self.merge()
 
     def merge(self) -> None:
@@ -97,10 +97,10 @@ def gather_sweep(
     rising = sweep.points[order, 0]
     for number, actor in enumerate(actors):
         start, end = drive.window(actor)
-        if not start - SLACK_M / 10 <= time_s <= end + SLACK_M / 10:
+        if not start - ACTOR_MOTION_SLACK_M / 10 <= time_s <= end + ACTOR_MOTION_SLACK_M / 10:
             continue
         centre = actor.world_from_actor.at(time_s)[:3, 3]
-        reach = np.linalg.norm(actor.size_m) / 2 + (SLACK_M if actor.is_moving else 0.3)
+        reach = np.linalg.norm(actor.size_m) / 2 + (ACTOR_MOTION_SLACK_M if actor.is_moving else 0.3)
         near = order[slice(*np.searchsorted(rising, [centre[0] - reach, centre[0] + reach]))]
         near = near[(np.abs(sweep.points[near] - centre) < reach).all(1) & (owner[near] < 0)]
         near = near[(sweep.time_s[near] >= start) & (sweep.time_s[near] <= end)]
@@ -108,6 +108,6 @@ def gather_sweep(
             continue
         inside = invert_pose(actor.world_from_actor.at(sweep.time_s[near]))
         local = np.einsum("nij,nj->ni", inside[:, :3, :3], sweep.points[near]) + inside[:, :3, 3]
-        mine = (np.abs(local) <= actor.size_m / 2 + MARGIN_M).all(1)
+        mine = (np.abs(local) <= actor.size_m / 2 + BOX_MARGINS_M).all(1)
         owner[near[mine]], places[near[mine]] = number, local[mine]
     return owner, places

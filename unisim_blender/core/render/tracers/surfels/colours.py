@@ -17,15 +17,15 @@ from .model import SurfelSet
 from .placed import PlacedSurfels
 from .views import RecordedView
 
-TILE_M = 8.0
+FACE_TILE_M = 8.0
 """Faces that stand still are sorted out by cubes of this edge."""
-DOME_DEG = 0.2
+DOME_CELL_DEG = 0.2
 """Edge of the dome's cells."""
-CUBES_M = (0.3, 1.0, 4.0, 20.0)
+FILL_CUBE_EDGES_M = (0.3, 1.0, 4.0, 20.0)
 """Edges of cubes, metres: a face that no image shows has the mean colour of its cube, or of the next larger one where
 nothing in that was painted."""
 FARTHEST_M = 150.0
-COMPARED = 8
+FACE_STRIDE = 8
 """Every so manyth face that stands still tells how images are exposed."""
 
 
@@ -57,14 +57,14 @@ class SurfelPainter:
         self.static = _Canvas.of(surfels.static)
         self.placed = [_Canvas.of(faces) for _, faces in surfels.placed]
         cube = (
-            np.floor(self.static.centres / TILE_M).astype(np.int64)
+            np.floor(self.static.centres / FACE_TILE_M).astype(np.int64)
             if len(surfels.static)
             else np.zeros((0, 3), np.int64)
         )
         self.tiles, self.tile_of = np.unique(cube, axis=0, return_inverse=True)
         self.order = np.argsort(self.tile_of.reshape(-1), kind="stable")
         self.starts = np.searchsorted(self.tile_of.reshape(-1)[self.order], np.arange(len(self.tiles) + 1))
-        rows, columns = round(180 / DOME_DEG), round(360 / DOME_DEG)
+        rows, columns = round(180 / DOME_CELL_DEG), round(360 / DOME_CELL_DEG)
         self._shape = rows, columns
         self._beyond: list[tuple[NDArray[np.int32], NDArray[np.uint8]]] = []
         self._observations: list[Observations] = []
@@ -126,7 +126,7 @@ class SurfelPainter:
         """Faces that stand still in cubes that the image can show."""
         if len(self.tiles) == 0:
             return np.zeros(0, np.int64)
-        inside = _in_frustum(view, (self.tiles + 0.5) * TILE_M, TILE_M * np.sqrt(3) / 2 + 1)
+        inside = _in_frustum(view, (self.tiles + 0.5) * FACE_TILE_M, FACE_TILE_M * np.sqrt(3) / 2 + 1)
         return np.concatenate(
             [np.zeros(0, np.int64), *(self.order[self.starts[i] : self.starts[i + 1]] for i in np.flatnonzero(inside))]
         )
@@ -164,7 +164,7 @@ class SurfelPainter:
         self, view: RecordedView, chosen: NDArray[np.int64], u: FloatArray, v: FloatArray, distance: FloatArray
     ) -> None:
         """Note what an image shows of some of its faces (N,) at image points, that far away."""
-        some = np.flatnonzero(chosen % COMPARED == 0)
+        some = np.flatnonzero(chosen % FACE_STRIDE == 0)
         some = some[view.sees(u[some], v[some], distance[some], True)]
         number = np.full(len(some), self._images)
         self._observations.append(Observations(chosen[some], number, view.sample(u[some], v[some])))
@@ -191,7 +191,7 @@ def _spread(canvas: _Canvas) -> None:
         return
     colours = canvas.faces.colours[painted].mean(1)
     missing = np.flatnonzero(~painted)
-    for edge in CUBES_M:
+    for edge in FILL_CUBE_EDGES_M:
         key, total = summed(
             cube_keys(canvas.centres[painted], edge), np.concatenate([colours, np.ones((len(colours), 1))], 1)
         )

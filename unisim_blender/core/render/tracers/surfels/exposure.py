@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from ....geometry import FloatArray
 from ....json_file import Node
 
-ROUNDS = 20
-DARKEST, BRIGHTEST = 8.0, 247.0
+ITERATIONS = 20
+MIN_VALUE, MAX_VALUE = 8.0, 247.0
 """Values beyond which an image tells nothing."""
-ODD = 0.15
+OUTLIER_SHARE = 0.15
 """Places whose colours differ by this share, by more than exposure, count half: what shines, what was
 hidden after all."""
-PRIOR = 10.0
+PRIOR_PLACES = 10.0
 """Weight of the prior of no exposure difference: as many places that say otherwise move an image half of the way."""
 
 
@@ -94,19 +94,19 @@ def exposure_gains(observations: Observations, images: int) -> FloatArray:
     all images have in common is no exposure: each channel's mean gain over what is shown is 1.
     """
     log_gain = np.zeros((images, 3))
-    usable = ((observations.colour > DARKEST) & (observations.colour < BRIGHTEST)).all(1)
+    usable = ((observations.colour > MIN_VALUE) & (observations.colour < MAX_VALUE)).all(1)
     _, place = np.unique(observations.place[usable], return_inverse=True)
     image, colour = observations.image[usable], np.log(observations.colour[usable].astype(np.float64))
     if len(place) == 0:
         return np.exp(log_gain)
     weight = np.ones(len(place))
-    for _ in range(ROUNDS):
+    for _ in range(ITERATIONS):
         mean = _means(place, weight, colour - log_gain[image])
         residual = colour - mean[place]
-        log_gain = _means(image, weight, residual, images, PRIOR)
+        log_gain = _means(image, weight, residual, images, PRIOR_PLACES)
         log_gain -= np.average(log_gain, axis=0, weights=np.bincount(image, minlength=images))
         odd = np.abs(residual - log_gain[image]).max(1)
-        weight = 1 / (1 + (odd / ODD) ** 2)
+        weight = 1 / (1 + (odd / OUTLIER_SHARE) ** 2)
     return np.exp(log_gain)
 
 

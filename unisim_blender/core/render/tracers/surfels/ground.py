@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from ....geometry import FloatArray
 from ....ops.constants import GROUND_CELL_M
 
-OPENING = 9
+OPENING_CELLS = 9
 """Cells: what is high over less than this is no ground."""
-ROUGH_M = 0.4
+MAX_ROUGHNESS_M = 0.4
 """How much higher than the opened grid ground may be."""
-SMOOTHING = 5
-KNOWN = 7
+SMOOTHING_CELLS = 5
+KNOWN_CELLS = 7
 """The ground is known in squares of so many cells round each in which it was seen."""
 
 
@@ -65,10 +65,10 @@ def height_grid(points: FloatArray) -> HeightGrid:
     lowest[flat[first]] = z[first + (counts * 0.05).astype(np.int64)]
     seen = lowest.reshape(shape)
     filled = fill(seen)
-    opened = _windows(_windows(filled, OPENING, np.min), OPENING, np.max)
-    trusted = np.where(filled <= opened + ROUGH_M, seen, np.nan)
-    heights = _windows(fill(trusted), SMOOTHING, np.median)
-    known = _windows(np.isfinite(trusted).astype(np.float64), KNOWN, np.max) > 0
+    opened = _windows(_windows(filled, OPENING_CELLS, np.min), OPENING_CELLS, np.max)
+    trusted = np.where(filled <= opened + MAX_ROUGHNESS_M, seen, np.nan)
+    heights = _windows(fill(trusted), SMOOTHING_CELLS, np.median)
+    known = _windows(np.isfinite(trusted).astype(np.float64), KNOWN_CELLS, np.max) > 0
     return HeightGrid((low + 0.5) * GROUND_CELL_M, heights.astype(np.float32), known)
 
 

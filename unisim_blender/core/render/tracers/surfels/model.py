@@ -20,16 +20,16 @@ from ....files import BROKEN_ARRAYS
 from ....geometry import BoolArray, FloatArray
 from ....json_file import Node, read_json
 from ....meshes.intersect import NODE, Triangles, check_boxes
-from ....ops.constants import CLEARANCE_M
+from ....ops.constants import GROUND_CLEARANCE_M
 from .exposure import Exposures
 from .ground import HeightGrid
 
 Bins = NDArray[np.int64]
 
-RANGES_M = np.array([5.0, 10, 20, 30, 45, 60, 80, 100, 130, 160])
-COSINES = np.array([0.05, 0.1, 0.2, 0.4, 0.7])
-INTENSITIES = np.array([0.01, 0.02, 0.04, 0.08, 0.16, 0.4])
-PRIOR = 20.0
+RANGE_EDGES_M = np.array([5.0, 10, 20, 30, 45, 60, 80, 100, 130, 160])
+COSINE_EDGES = np.array([0.05, 0.1, 0.2, 0.4, 0.7])
+INTENSITY_EDGES = np.array([0.01, 0.02, 0.04, 0.08, 0.16, 0.4])
+PRIOR_BEAMS = 20.0
 """Beams in a bin count beside so many that returned as all do on average."""
 
 
@@ -44,7 +44,7 @@ class DropTable:
     @staticmethod
     def empty() -> DropTable:
         """Of no beam at all: what hits something returns."""
-        shape = tuple(len(edges) + 1 for edges in (RANGES_M, COSINES, INTENSITIES))
+        shape = tuple(len(edges) + 1 for edges in (RANGE_EDGES_M, COSINE_EDGES, INTENSITY_EDGES))
         return DropTable(np.zeros(shape), np.zeros(shape))
 
     def counted(self, depth_m: FloatArray, cosine: FloatArray, intensity: FloatArray, returned: BoolArray) -> DropTable:
@@ -58,13 +58,14 @@ class DropTable:
     def probability(self, depth_m: FloatArray, cosine: FloatArray, intensity: FloatArray) -> FloatArray:
         """How likely beams (N,) return that hit a surface at such a depth, cosine of incidence and intensity."""
         average = (self.returns.sum() + 1) / (self.beams.sum() + 1)
-        share = (self.returns + PRIOR * average) / (self.beams + PRIOR)
+        share = (self.returns + PRIOR_BEAMS * average) / (self.beams + PRIOR_BEAMS)
         return np.asarray(share[_bins(depth_m, cosine, intensity)])
 
 
 def _bins(depth_m: FloatArray, cosine: FloatArray, intensity: FloatArray) -> tuple[Bins, Bins, Bins]:
     bins = (
-        np.searchsorted(edges, x) for edges, x in ((RANGES_M, depth_m), (COSINES, cosine), (INTENSITIES, intensity))
+        np.searchsorted(edges, x)
+        for edges, x in ((RANGE_EDGES_M, depth_m), (COSINE_EDGES, cosine), (INTENSITY_EDGES, intensity))
     )
     a, b, c = bins
     return a, b, c
@@ -72,7 +73,7 @@ def _bins(depth_m: FloatArray, cosine: FloatArray, intensity: FloatArray) -> tup
 
 FORMAT_VERSION = 4
 META_NAME = "surfels.json"
-GOLDEN = np.pi * (3 - np.sqrt(5))
+GOLDEN_ANGLE_RAD = np.pi * (3 - np.sqrt(5))
 
 
 @dataclass(frozen=True)
@@ -157,7 +158,7 @@ class SurfelScene:
     def upright(self) -> BoolArray:
         """Which faces of what stands still (F,) are above the ground."""
         centres = self.static.centres
-        return np.asarray(centres[:, 2] - self.ground.at(centres) > CLEARANCE_M)
+        return np.asarray(centres[:, 2] - self.ground.at(centres) > GROUND_CLEARANCE_M)
 
 
 def make_faces(
@@ -175,7 +176,7 @@ def make_faces(
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
     along = np.cross(normals, across)
     # each turned by another angle, so that gaps and overlaps form no pattern
-    angle = (np.arange(n) * GOLDEN)[:, None] + 2 * np.pi * np.arange(3) / 3
+    angle = (np.arange(n) * GOLDEN_ANGLE_RAD)[:, None] + 2 * np.pi * np.arange(3) / 3
     corners = np.cos(angle)[..., None] * across[:, None] + np.sin(angle)[..., None] * along[:, None]
     vertices = points[:, None] + corners * radius_m[:, None, None]
     return SurfelSet(

@@ -17,15 +17,15 @@ from ....sensors.rays import Rays
 from ....world.drive import Actor
 from .model import SurfelSet
 
-STATIC = -1
-"""The owner of what stands still; `NOBODY` where nothing was hit."""
-NOBODY = -2
-BUNDLE = 1 << 13
+STATIC_OWNER = -1
+"""The owner of what stands still; `NO_OWNER` where nothing was hit."""
+NO_OWNER = -2
+BUNDLE_RAYS = 1 << 13
 
 
 @dataclass(frozen=True)
 class SurfelHits:
-    """Of rays (N,): t metres, inf where nothing is hit; owner, a number of the placed sets, `STATIC` or `NOBODY`; face
+    """Of rays (N,): t metres, inf where nothing is hit; owner, a number of the placed sets, `STATIC_OWNER` or `NO_OWNER`; face
     of the owner's; uv (N, 2), where on it, towards its second and third corner."""
 
     t: FloatArray
@@ -43,17 +43,17 @@ class PlacedSurfels:
 
     def owned(self, owner: int) -> SurfelSet:
         """The set of an owner."""
-        return self.static if owner == STATIC else self.placed[owner][1]
+        return self.static if owner == STATIC_OWNER else self.placed[owner][1]
 
     def first(self, rays: Rays, near_m: float) -> SurfelHits:
         """Return the first hits of flat rays (N,) beyond ``near_m``."""
         hits = self.static.triangles.first_hits(rays.origins, rays.directions, near_m)
         t, face, uv = hits.t.copy(), hits.face.astype(np.int64), hits.uv.copy()
-        owner = np.where(hits.face >= 0, STATIC, NOBODY)
+        owner = np.where(hits.face >= 0, STATIC_OWNER, NO_OWNER)
         # rays that go the same way together: few actors are in reach of each bundle
         order = np.argsort(np.arctan2(rays.directions[:, 1], rays.directions[:, 0]), kind="stable")
-        for begin in range(0, len(order) if self.placed else 0, BUNDLE):
-            part = order[begin : begin + BUNDLE]
+        for begin in range(0, len(order) if self.placed else 0, BUNDLE_RAYS):
+            part = order[begin : begin + BUNDLE_RAYS]
             bundle = Rays(rays.origins[part], rays.directions[part], rays.time_s[part])
             times, which = moments(bundle)
             for number in self._bounds.in_reach(bundle):
@@ -75,7 +75,7 @@ class PlacedSurfels:
         """An attribute (N, *width) of the faces that were hit; 0 where none was."""
         out: NDArray[Any] = np.zeros((len(hits.t), *width), kind)
         for owner in np.unique(hits.owner):
-            if owner != NOBODY:
+            if owner != NO_OWNER:
                 mine = hits.owner == owner
                 out[mine] = getattr(self.owned(int(owner)), name)[hits.face[mine]]
         return out

@@ -15,18 +15,18 @@ from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays
 from ....world.drive import Actor, Box, Drive
 from ....world.replay import WorldState, parked_boxes
-from ...quality import QUALITY, Quality
+from ...quality import QUALITIES, Quality
 from ...tracer import NEAR_M, Array, Maps, TraceResult, active_actors
-from .cloud import MARGIN_M
+from .cloud import BOX_MARGINS_M
 from .colours import dome_cell, dome_colours
 from .model import SurfelScene, SurfelSet
-from .placed import NOBODY, PlacedSurfels, SurfelHits
+from .placed import NO_OWNER, PlacedSurfels, SurfelHits
 
 CHUNK_RAYS = 1 << 18
 """Number of rays traced at a time: between two chunks Python can be interrupted."""
-ROUNDING_S = 1e-3
+TIME_ROUNDING_S = 1e-3
 """Times of colours are in float32."""
-NOWHERE = Trajectory(np.zeros(1), np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]))
+AT_ORIGIN = Trajectory(np.zeros(1), np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]))
 
 
 class SurfelBackend:
@@ -35,7 +35,7 @@ class SurfelBackend:
 
     sees_all = False
 
-    def __init__(self, scene: SurfelScene, recorded: Drive, quality: Quality = QUALITY["balanced"]) -> None:
+    def __init__(self, scene: SurfelScene, recorded: Drive, quality: Quality = QUALITIES["balanced"]) -> None:
         self.scene, self.recorded, self.quality = scene, recorded, quality
         self.parked: Mapping[str, Box] = parked_boxes(recorded)
         self._overhang_m: dict[tuple[str, tuple[float, float, float]], float] = {}
@@ -47,7 +47,7 @@ class SurfelBackend:
 
     def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
         """See `tracer.Backend`: where the camera's recorded exposure does not change."""
-        return self.scene.exposures.is_constant(sensor_id, start_s - ROUNDING_S, end_s + ROUNDING_S)
+        return self.scene.exposures.is_constant(sensor_id, start_s - TIME_ROUNDING_S, end_s + TIME_ROUNDING_S)
 
     def overhang_m(self, actor: Actor) -> float:
         """See `tracer.Backend`: how far its surfels reach."""
@@ -62,7 +62,7 @@ class SurfelBackend:
     def static_world(self, state: WorldState) -> tuple[SurfelSet, list[SurfelSet]]:
         """Return what stands still, without what removed boxes hold, and what each of the static copies is. Those of
         the last state are kept: sorting faces takes seconds."""
-        key = replace(state, start_s=0.0, end_s=0.0, world_from_ego=NOWHERE, actors=()).digest
+        key = replace(state, start_s=0.0, end_s=0.0, world_from_ego=AT_ORIGIN, actors=()).digest
         if self._world is None or self._world[0] != key:
             static, centres = self.scene.static, self.scene.static.centres
             edited = state.removed_boxes or state.static_copies
@@ -148,7 +148,7 @@ class SurfelTracer:
 
     def _part(self, rays: Rays, passes: set[str], sky: bool, pixel_rad: float) -> tuple[Array, Array, Maps]:
         hits = self.surfels.first(rays, NEAR_M)
-        hit = hits.owner != NOBODY
+        hit = hits.owner != NO_OWNER
         needs_normal = "normal" in passes or not sky
         normals = self.surfels.normals(hits, rays) if needs_normal else None
         if sky:
@@ -170,7 +170,7 @@ class SurfelTracer:
     def colours(self, rays: Rays, hits: SurfelHits, pixel_rad: float) -> tuple[Array, BoolArray]:
         """Colours (N, 3) in 0..1 of flat rays, ``pixel_rad`` apart, and what they hit; where (N,) nothing recorded is
         behind them."""
-        hit = hits.owner != NOBODY
+        hit = hits.owner != NO_OWNER
         colours = self.surfels.colours(hits)
         dome = self.scene.dome
         colours[~hit] = dome_colours(dome, rays.directions[~hit])
@@ -180,7 +180,7 @@ class SurfelTracer:
 
     def _beams(self, rays: Rays, hits: SurfelHits, normals: FloatArray | None) -> Array:
         assert normals is not None
-        hit = hits.owner != NOBODY
+        hit = hits.owner != NO_OWNER
         intensity = self.surfels.gathered(hits, "intensity", (), np.float64)
         cosine = np.abs(np.einsum("ni,ni->n", normals, rays.directions))
         returned = self.scene.drops.probability(np.where(hit, hits.t, 0.0), cosine, intensity)
@@ -207,7 +207,7 @@ class SurfelTracer:
 
 
 def _inside(points: FloatArray, box: Box) -> BoolArray:
-    return points_in_box(points, box.world_from_box, box.size_m + 2 * MARGIN_M)
+    return points_in_box(points, box.world_from_box, box.size_m + 2 * BOX_MARGINS_M)
 
 
 def _pixel_rad(rays: Rays) -> float:

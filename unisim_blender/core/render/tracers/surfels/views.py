@@ -21,12 +21,12 @@ from ....world.drive import Actor, Camera
 from ...tracer import NEAR_M
 from .placed import PlacedSurfels
 
-NEARER_SHARE, NEARER_M = 0.02, 0.2
+OCCLUSION_SHARE, OCCLUSION_M = 0.02, 0.2
 """A place farther than the first surface by more than this is hidden."""
-BOX_MARGIN_M, BOXES_WITHIN_M, ROLLING = 0.3, 120.0, 6
-OUTLINE_IMAGES, OUTLINE_WIDTH = 24, 480
+BOX_MARGIN_M, MAX_BOX_DISTANCE_M, SHUTTER_POSES = 0.3, 120.0, 6
+OUTLINE_IMAGES, OUTLINE_WIDTH_PX = 24, 480
 """Number of images, and their width in pixels, from which the outline of the recording vehicle itself is derived."""
-EDGE = 1.35
+DEPTH_EDGE_FACTOR = 1.35
 """Beside something nearer by this factor images show either: nothing is taken from there."""
 
 
@@ -132,7 +132,9 @@ class RecordedView:
         if static:
             distance = np.where(distance > self.boxes_m[cell], np.inf, distance)
         depth, clear = self.depth_m[cell], self.clear_m[cell]
-        near = (distance <= depth * (1 + NEARER_SHARE) + NEARER_M) & (distance <= clear * EDGE + NEARER_M)
+        near = (distance <= depth * (1 + OCCLUSION_SHARE) + OCCLUSION_M) & (
+            distance <= clear * DEPTH_EDGE_FACTOR + OCCLUSION_M
+        )
         return np.asarray(near & ~self.own[cell])
 
     def sample(self, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
@@ -162,7 +164,7 @@ def outline_in(log: Log, camera_id: str, frames: Collection[int]) -> dict[str, t
     found in, by the camera; nothing of one that does not see it, or of whose images too few tell. Raises `LogError`."""
     there = moved_frames(log.drive, [frame for frame in log.image_frames(camera_id) if frame in frames])
     chosen = [there[i] for i in np.unique(np.linspace(0, len(there) - 1, min(len(there), OUTLINE_IMAGES)).astype(int))]
-    model = resized(log.drive.cameras[camera_id], OUTLINE_WIDTH).model
+    model = resized(log.drive.cameras[camera_id], OUTLINE_WIDTH_PX).model
     images = [resize_image(log.image(camera_id, frame), model) for frame in chosen]
     outline = find_outline(images, shown_pixels(log.drive.cameras[camera_id].model, model))
     outline = joined(outline, given_outline(log, camera_id, model))
@@ -218,7 +220,7 @@ def _boxes(
             _meet(depth, part, rays, pose, size)
             continue
         x, y, z = transform_points(camera_from_world, box_corners(pose, size)).T
-        if z.max() < NEAR_M or z.min() > BOXES_WITHIN_M:
+        if z.max() < NEAR_M or z.min() > MAX_BOX_DISTANCE_M:
             continue
         part = numbers
         if z.min() > NEAR_M:
@@ -240,5 +242,7 @@ def _meet(depth: NDArray[np.float32], part: NDArray[np.int64], rays: Rays, pose:
 
 def _span(values: FloatArray, size: int) -> slice:
     """The cells between the least and the largest of values; an exposure of rows moves things by a few."""
-    low, high = np.clip([np.floor(values.min()) - ROLLING, np.ceil(values.max()) + ROLLING], 0, size).astype(int)
+    low, high = np.clip(
+        [np.floor(values.min()) - SHUTTER_POSES, np.ceil(values.max()) + SHUTTER_POSES], 0, size
+    ).astype(int)
     return slice(low, high)

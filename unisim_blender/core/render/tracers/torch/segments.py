@@ -22,7 +22,7 @@ from ....ops.ray_segments import ActorSegments, CopiedBoxSegments, MeshSegments,
 from ...tracer import NEAR_M
 from .actor_tensors import ActiveActorTensors, ActorSetTensors
 
-_LOOKUPS = 3
+_LOOKUPS_PER_INTERVAL = 3
 """Places between two samples at which the voxels are looked up: how much of the way is free."""
 
 Lengths = Callable[[], Tensor]
@@ -58,7 +58,7 @@ def occupied_lengths(scene: SceneModel, o: Tensor, d: Tensor, t: Tensor) -> Tens
     has none where a voxel is free, and samples lie on both sides of much free space."""
     least = scene.config.voxel_m / 2
     gap = torch.diff(t, dim=1, prepend=t[:, :1] - least)
-    part = (torch.arange(_LOOKUPS, device=t.device) + 0.5) / _LOOKUPS
+    part = (torch.arange(_LOOKUPS_PER_INTERVAL, device=t.device) + 0.5) / _LOOKUPS_PER_INTERVAL
     x = o[:, None, None] + (t[..., None] - gap[..., None] * part)[..., None] * d[:, None, None]
     occupied = scene.occupancy.values.view(-1)[scene.occupancy.cells(x.reshape(-1, 3))] > 0
     # a sample that was placed behind free space stands in a voxel that is occupied
@@ -137,7 +137,7 @@ class StaticMask:
         return inside
 
 
-ACTOR_STEPS = 4
+ACTOR_STEPS_PER_STATIC_STEP = 4
 """UniSim's density takes so many steps in an actor's box where it takes one in the static field."""
 
 
@@ -218,7 +218,7 @@ def actor_segments(
     values = values.view(t.shape)
     tau, stop_fraction = intervals(
         scene, values, field_m(t), lambda: field_m(torch.diff(t, dim=1, prepend=hits.t_near[:, None])),
-        scene.config.unisim_step_m / ACTOR_STEPS,
+        scene.config.unisim_step_m / ACTOR_STEPS_PER_STATIC_STEP,
     )  # fmt: skip
     if sampling.sky and scene.light is not None:
         middle = rays.origins[hits.ray] + t.gather(1, _median(tau)) * rays.directions[hits.ray]

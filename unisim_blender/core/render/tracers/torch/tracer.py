@@ -35,14 +35,14 @@ from ....sensors.rays import Rays, sound_directions
 from ....world.drive import Actor, Box
 from ....world.replay import WorldState
 from ...observed_space import Observed, ObservedSpace
-from ...quality import QUALITY, Quality
-from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, TraceResult, active_actors
+from ...quality import QUALITIES, Quality
+from ...tracer import FOREIGN_EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, TraceResult, active_actors
 from .actor_tensors import active_actor_tensors
 from .ray_passes import ray_passes
 from .segments import Sampling
 from .trace import trace
 
-LEAST_RAYS = 1 << 12
+MIN_CHUNK_RAYS = 1 << 12
 """A device without memory for so few has none for the scene."""
 
 
@@ -50,14 +50,14 @@ def in_chunks(count: int, rays: int, take: Callable[[int, int], None]) -> None:
     """Call ``take`` with the first and the end of each chunk of ``count`` rays, of ``rays`` at most.
 
     Where the device has no memory for a chunk, it and those that follow are halved. Raises torch.cuda.OutOfMemoryError
-    where there is none for `LEAST_RAYS`. What ``take`` keeps, it keeps last.
+    where there is none for `MIN_CHUNK_RAYS`. What ``take`` keeps, it keeps last.
     """
     begin = 0
     while begin < count:
         try:
             take(begin, min(begin + rays, count))
         except torch.cuda.OutOfMemoryError:
-            if rays <= LEAST_RAYS:
+            if rays <= MIN_CHUNK_RAYS:
                 raise
             rays //= 2
         else:
@@ -68,9 +68,9 @@ def in_chunks(count: int, rays: int, take: Callable[[int, int], None]) -> None:
 
 
 CHUNK_RAYS = 1 << 14
-GPU_CHUNK_RAYS = 1 << 17
+MAX_GPU_CHUNK_RAYS = 1 << 17
 """At most: a GPU waits for Python, which takes as long over few rays as over many."""
-EXACT_SAMPLES = QUALITY["reference"].samples
+EXACT_SAMPLES = QUALITIES["reference"].samples
 """Qualities with so many samples are held against others."""
 
 
@@ -81,7 +81,10 @@ class TorchBackend:
     sees_all = False
 
     def __init__(
-        self, scene: TorchScene, quality: Quality = QUALITY["balanced"], others: Mapping[str, TorchScene] | None = None
+        self,
+        scene: TorchScene,
+        quality: Quality = QUALITIES["balanced"],
+        others: Mapping[str, TorchScene] | None = None,
     ) -> None:
         self.scene, self.device, self.quality = scene, scene.actor_tables.device, quality
         self.scenes = {path: (s.model, s.actor_tables) for path, s in {"": scene, **(others or {})}.items()}
@@ -137,7 +140,7 @@ class TorchTracer:
         models = [scene.model, *(actor_set.scene for actor_set in self.tensors.foreign.values())]
         # decoders that look aside see past a foreign actor's edges
         alone = all(model.camera_decoder.reach == 0 and model.config.upsample == 1 for model in models)
-        self.edge = 0 if alone else EDGE_CELLS
+        self.edge = 0 if alone else FOREIGN_EDGE_CELLS
         self.reach = scene.model.camera_decoder.reach + (self.edge if self.active.foreign else 0)
 
     @property
@@ -176,7 +179,7 @@ class TorchTracer:
             # samples of all chunks together would be too many to keep
             pieces.append(replace(traced, ray_segments=(), weights=(), background=None))
 
-        in_chunks(len(batch), GPU_CHUNK_RAYS if batch.origins.is_cuda else CHUNK_RAYS, take)
+        in_chunks(len(batch), MAX_GPU_CHUNK_RAYS if batch.origins.is_cuda else CHUNK_RAYS, take)
         covered = _joined([p.mesh_opacity for p in pieces])
         joined = {name: np.concatenate([m[name] for m in maps]) for name in maps[0]}
         if adds_unsupported:

@@ -8,7 +8,7 @@ from bpy.props import BoolProperty, FloatProperty, PointerProperty
 from ...bridge.objects.imported import source_of
 from ...bridge.views.trails import compared_now
 from ...core.errors import UnisimError
-from ...editing.motion.kinematics import Compared, Limits
+from ...editing.motion.kinematics import Limits, MotionComparison
 from ...editing.sampled.clock import Clock
 
 DEFAULT = Limits()
@@ -67,7 +67,7 @@ def limits_of(scene: bpy.types.Scene) -> Limits:
     )
 
 
-def graph_of(context: bpy.types.Context) -> Compared | None:
+def graph_of(context: bpy.types.Context) -> MotionComparison | None:
     """Return the motion of the active actor or ego vehicle beside the recorded one; None where
     something else is active."""
     obj = context.active_object
