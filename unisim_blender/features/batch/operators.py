@@ -30,7 +30,7 @@ from ...process.tasks import Task
 from ...translations import message
 from ..drive.export_operators import scenario_of
 from ..operator_bases import Needing, in_thread, nothing_runs
-from ..output.operators import MIN_WIDTH
+from ..output.operators import sensor_options, width_options
 from ..simulation.operators import Simulates
 from ..simulation.properties import driver_of
 from .properties import parameters_of
@@ -185,11 +185,8 @@ def _options(scene: bpy.types.Scene, selected: Any, driver: str | None) -> Itera
     yield from ("--device", device())
     if about.jobs:
         yield from ("--jobs", str(about.jobs))
-    sensors = output_sensors(scene, selected, source_of(scene).drive)
-    if sensors is not None:
-        yield from ("--sensors", ",".join(sensors))
-    if scene.unisim.sequence_width:
-        yield from ("--width", str(max(MIN_WIDTH, scene.unisim.sequence_width)))
+    yield from sensor_options(output_sensors(scene, selected, source_of(scene).drive))
+    yield from width_options(scene)
     yield from renderer_options(simulation.renderer)
     if driver is not None:
         yield from ("--driver", driver)

@@ -44,9 +44,18 @@ def render_arguments(scene: bpy.types.Scene, folder: Path, sensors: list[str] | 
     """Return what follows `unisim` to render the scenario that lies in ``folder`` into that folder; None
     are all sensors."""
     arguments = ["render", str(folder / SCENARIO), "--out", str(folder), "--resume", "--device", device()]
-    arguments += ["--sensors", ",".join(sensors)] if sensors is not None else []
+    return [*arguments, *sensor_options(sensors), *width_options(scene)]
+
+
+def sensor_options(sensors: list[str] | None) -> list[str]:
+    """Return the command line's options for sensors; None are all."""
+    return [] if sensors is None else ["--sensors", ",".join(sensors)]
+
+
+def width_options(scene: bpy.types.Scene) -> list[str]:
+    """Return the command line's options for the width of a scene's sequences."""
     width = scene.unisim.sequence_width
-    return arguments + (["--width", str(max(MIN_WIDTH, width))] if width else [])
+    return ["--width", str(max(MIN_WIDTH, width))] if width else []
 
 
 class UNISIM_OT_render_sequence(Needing, AtOnce, ReadsScenes, bpy.types.Operator):

@@ -26,7 +26,7 @@ from ...process.tasks import SequenceTask
 from ...translations import message
 from ..drive.export_operators import ReadsScenes
 from ..operator_bases import AtOnce, Needing, in_thread, nothing_runs
-from ..output.operators import MIN_WIDTH
+from ..output.operators import sensor_options, width_options
 from .properties import driver_of
 
 
@@ -87,12 +87,10 @@ class Simulates(AtOnce, ReadsScenes):
         parent, source, about = rollouts_folder(scene), source_of(scene), scene.unisim_simulation
         assert parent is not None  # the button is grey without
         sensors = output_sensors(scene, context.selected_objects, source.drive)
-        driver, chosen_device, renderer, width = driver_of(scene), device(), about.renderer, scene.unisim.sequence_width
-        command = ["--driver", driver, "--device", chosen_device]
+        driver = driver_of(scene)
+        command = ["--driver", driver, "--device", device()]
         command += ["--driver-address", about.address.strip()] if is_remote(driver) else []
-        command += ["--sensors", ",".join(sensors)] if sensors is not None else []
-        command += renderer_options(renderer)
-        command += ["--width", str(max(MIN_WIDTH, width))] if width else []
+        command += [*sensor_options(sensors), *renderer_options(about.renderer), *width_options(scene)]
         read = yield from self.scenario(scene, parent / "scenario.json", self.start_of(scene))
         scenario, scene_name = stated.as_simulated(read), scene.name
         total = stated.count_steps(scenario, source.drive)
