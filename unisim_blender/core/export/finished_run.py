@@ -41,7 +41,7 @@ from ..geometry import (
 from ..json_file import Node, read_json
 from ..simulation.rollout.steps import RolloutStep, stream_steps
 from ..simulation.vehicle.actions import Plan
-from ..world.captures import SECOND_US
+from ..world.captures import US_PER_SECOND
 from ..world.drive import EGO
 
 LABELS, CAMERA, LIDAR = "labels", "camera", "lidar"
@@ -238,7 +238,7 @@ class FinishedRun:
 
     def _on_ground(self, time_us: int, x_m: float, y_m: float, heading_rad: float) -> Pose:
         """Steps and plans lie in the plane: they are drawn at the height of the ego's frame."""
-        height = float(self.drive.world_from_ego.at(time_us / SECOND_US)[2, 3])
+        height = float(self.drive.world_from_ego.at(time_us / US_PER_SECOND)[2, 3])
         w, x, y, z = quaternion_from_yaw(heading_rad).tolist()
         return Pose((x_m, y_m, height), (w, x, y, z))
 
@@ -260,7 +260,7 @@ def _yaw_rate(before: RolloutStep, after: RolloutStep) -> float:
     """The mean rate at which the heading turns between two steps, rad/s counter-clockwise."""
     between_us = after.time_us - before.time_us
     turned = math.remainder(after.ego.heading_rad - before.ego.heading_rad, 2 * math.pi)
-    return turned * SECOND_US / between_us if between_us > 0 else 0.0
+    return turned * US_PER_SECOND / between_us if between_us > 0 else 0.0
 
 
 def _as_pose(pose: FloatArray) -> Pose:
