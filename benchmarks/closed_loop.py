@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from unisim_bench.state_cost import with_tracks
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
-from unisim_blender.core.scenario.simulation import OTHERS, SimulationSpec
+from unisim_blender.core.scenario.simulation import OTHER_ACTORS, SimulationSpec
 from unisim_blender.core.scenario.time_range import Outside
 from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.rollout.sensors import SimulatedSensors
@@ -45,7 +45,7 @@ def with_actors(opened: OpenedScenario, count: int) -> OpenedScenario:
 
 def simulation(opened: OpenedScenario, model: str, duration_s: float | None = None) -> Simulation:
     """A simulation in which nothing is written."""
-    asked = SimulationSpec(duration_s=duration_s, actors={OTHERS: {"type": model}})
+    asked = SimulationSpec(duration_s=duration_s, actors={OTHER_ACTORS: {"type": model}})
     return opened.simulation(asked, driver_named("constant"), Path(tempfile.gettempdir()))
 
 

@@ -24,7 +24,7 @@ from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.compiled.tracer import CHUNK_RAYS
 from unisim_blender.core.render.visibility import seen_by
 from unisim_blender.core.scenario import FORMAT
-from unisim_blender.core.scenario.simulation import OTHERS, SimulationSpec
+from unisim_blender.core.scenario.simulation import OTHER_ACTORS, SimulationSpec
 from unisim_blender.core.sensors.bounds import Bounds
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.lidar import lidar_rays
@@ -158,7 +158,7 @@ def step_cost(opened: OpenedScenario, quality: Quality, most_steps: int) -> Step
     """Measure a simulation's first steps, ``most_steps`` at most; nothing is written. None where no step delivers one frame of
     each sensor. Raises `UnisimError`."""
     opened.renderer.quality = quality
-    asked = SimulationSpec(actors={OTHERS: {"type": "auto"}})
+    asked = SimulationSpec(actors={OTHER_ACTORS: {"type": "auto"}})
     run = opened.simulation(asked, driver_named("constant"), Path(tempfile.gettempdir()))
     context, world = run.context, run.begin
     sensors = SimulatedSensors(run.plan, run.renderer, None)

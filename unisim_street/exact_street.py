@@ -29,7 +29,7 @@ from unisim_blender.core.world.drive import Actor, Box, Camera, Drive
 from unisim_blender.core.world.replay import DriveStates, WorldState
 
 from .street import RECIPE_FILE, Street, load_street, recipe_document, street_of, street_origin
-from .tracing.trace import TILE, tile_image, untile_image
+from .tracing.trace import TILE_PX, tile_image, untile_image
 from .truth import StreetWorld, colours, echoes, exact_image, world_of_state
 
 WHOLE = Reach(whole=True)
@@ -47,12 +47,14 @@ class StreetTracer:
     reach: int = 0
     trained_width: int | None = None
 
-    def trace(self, rays: Rays, passes: set[str], sky: bool, mesh_hits: object, stats: RenderStats) -> TraceResult:
+    def trace(
+        self, rays: Rays, passes: set[str], sky: bool, mesh_hits: object, stats: RenderStats
+    ) -> TraceResult[Array]:
         """See `Tracer.trace`; the feature is the colour where ``sky`` is asked for, or else the intensity."""
         stats.rays += rays.time_s.size
         return self._colours(rays, passes) if sky else self._echoes(rays, passes)
 
-    def _colours(self, rays: Rays, passes: set[str]) -> TraceResult:
+    def _colours(self, rays: Rays, passes: set[str]) -> TraceResult[Array]:
         shape = rays.time_s.shape
         origins, directions, time_s = (_bundled(v, shape) for v in (rays.origins, rays.directions, rays.time_s))
         apart = np.linalg.norm(np.diff(rays.directions.reshape(-1, 3), axis=0), axis=-1)
@@ -73,7 +75,7 @@ class StreetTracer:
             {name: values for name, values in maps.items() if name in passes},
         )
 
-    def _echoes(self, rays: Rays, passes: set[str]) -> TraceResult:
+    def _echoes(self, rays: Rays, passes: set[str]) -> TraceResult[Array]:
         shape = rays.time_s.shape
         bundled = [_bundled(values, shape) for values in (rays.origins, rays.directions, rays.time_s)]
         traced = echoes(self.world, *bundled)
@@ -83,7 +85,7 @@ class StreetTracer:
             traced = replace(
                 traced,
                 depth_m=np.where(near, beyond.depth_m + NEAR_M, traced.depth_m),
-                **{name: np.where(near, getattr(beyond, name), getattr(traced, name)) for name in _OF_RETURNS},
+                **{name: np.where(near, getattr(beyond, name), getattr(traced, name)) for name in _RETURN_FIELDS},
             )
         depth, intensity, returned, instance = (
             _flat(values, shape) for values in (traced.depth_m, traced.intensity, traced.returned, traced.instance)
@@ -102,11 +104,13 @@ class StreetTracer:
             {name: values for name, values in maps.items() if name in passes},
         )
 
-    def image(self, traced: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+    def image(
+        self, traced: TraceResult[Array], directions: FloatArray, camera_id: str, shape: tuple[int, ...]
+    ) -> Array:
         """See `Tracer.image`."""
         return np.asarray(traced.feature.reshape(*shape, 3))
 
-    def returns(self, traced: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, traced: TraceResult[Array], directions: FloatArray) -> tuple[Array, Array]:
         """See `Tracer.returns`."""
         return traced.feature, traced.opacity
 
@@ -189,14 +193,14 @@ def _with_passes(frame: CameraFrame, passes: Sequence[str], region: Region) -> C
     return frame
 
 
-_OF_RETURNS = "intensity", "returned", "instance"
+_RETURN_FIELDS = "intensity", "returned", "instance"
 
 
 def _bundled(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     """Return values of rays (h, w, ...) or (N, ...) in bundles (B, TILE ** 2, ...); the last are repeated to whole ones."""
     if len(shape) == 2:
         return tile_image(values)
-    size = TILE * TILE
+    size = TILE_PX * TILE_PX
     numbers = np.minimum(np.arange(-(-shape[0] // size) * size), shape[0] - 1)
     return values[numbers].reshape(-1, size, *values.shape[1:])
 
@@ -208,9 +212,9 @@ def _flat(values: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
 
 
 HERE = Path(__file__).parent
-SAMPLES = {"fast": 1}
-"""Rays along an edge of a pixel, by the quality; `RECORDED` for the others."""
-RECORDED = 2
+SAMPLES_PER_EDGE = {"fast": 1}
+"""Rays along an edge of a pixel, by the quality; `RECORDED_SAMPLES_PER_EDGE` for the others."""
+RECORDED_SAMPLES_PER_EDGE = 2
 """As many as images of logs are recorded with."""
 
 
@@ -250,7 +254,7 @@ def _street(recipe: RendererRecipe) -> Street:
 
 def renderer_of_street(street: Street, world_origin: FloatArray, quality: str) -> StreetRenderer:
     """Return the renderer of drives through a street, in a world with this origin."""
-    samples = SAMPLES.get(quality, RECORDED)
+    samples = SAMPLES_PER_EDGE.get(quality, RECORDED_SAMPLES_PER_EDGE)
     return StreetRenderer(StreetBackend(street, street_origin(world_origin), quality_named(quality), samples))
 
 

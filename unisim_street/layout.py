@@ -15,14 +15,22 @@ from unisim_blender.core.world.drive import Actor, Appearance
 from .assets import furniture
 from .assets.buildings import front_pose, house
 from .assets.cars import PAINTS, STYLES, car
-from .assets.road import HALF_ROAD_M, HALF_STREET_M, KERB_M, LANE_M, STRAIGHT, Course, RoadPlan
+from .assets.road import (
+    HALF_ROAD_WIDTH_M,
+    HALF_STREET_WIDTH_M,
+    KERB_HEIGHT_M,
+    LANE_WIDTH_M,
+    STRAIGHT_COURSE,
+    Course,
+    RoadPlan,
+)
 from .tracing.trace import Asset, AssetPart
 
 SPEED_M_S = 8.0
 FRAME_S = 0.1
-EGO_Y = -LANE_M / 2
-PARKED_Y = 4.62
-_ENDS_M = 10.0
+EGO_Y_M = -LANE_WIDTH_M / 2
+PARKED_Y_M = 4.62
+_TRAFFIC_END_M = 10.0
 """Where traffic leaves a street, before the houses that close it."""
 _PARKED_STYLES = ("sedan", "hatchback", "suv", "estate", "van", "hatchback", "suv", "sedan")
 
@@ -37,12 +45,12 @@ class Layout:
     actors: dict[str, Actor]
 
 
-def ego_poses(time_s: FloatArray, speed_m_s: float = SPEED_M_S, course: Course = STRAIGHT) -> FloatArray:
+def ego_poses(time_s: FloatArray, speed_m_s: float = SPEED_M_S, course: Course = STRAIGHT_COURSE) -> FloatArray:
     """Ego poses (T, 4, 4) at times (T,): a steady drive with the small weaving of a driver who keeps a lane."""
     t = np.asarray(time_s, np.float64)
     omega = 2 * np.pi / 5.2
     x = speed_m_s * t
-    y = EGO_Y + 0.16 * np.sin(omega * t)
+    y = EGO_Y_M + 0.16 * np.sin(omega * t)
     yaw = np.arctan2(0.16 * omega * np.cos(omega * t), speed_m_s)
     x, y, yaw = course.place(x, y, yaw)
     return make_pose(np.stack([x, y, np.zeros_like(x)], -1), quaternion_from_yaw(yaw))
@@ -70,7 +78,7 @@ def lay_out(
     assets: dict[str, Asset] = {}
     actors: dict[str, Actor] = {}
     times = FRAME_S * np.arange(frames)
-    leaves = (start_x + _ENDS_M, end_x - _ENDS_M) if traffic_leaves else None
+    leaves = (start_x + _TRAFFIC_END_M, end_x - _TRAFFIC_END_M) if traffic_leaves else None
     _add_cars(rng, plan, travel, work_x, times, speed_m_s, leaves, assets, actors)
     _add_cones(rng, course, work_x, times, assets, actors)
     return Layout(plan, Asset("static", tuple(parts)), assets, actors)
@@ -102,8 +110,10 @@ def _houses(rng: np.random.Generator, plan: RoadPlan) -> list[AssetPart]:
                 width = float(rng.uniform(8.5, 15.0))
                 width = high - x if high - x - width < 7.0 else width
                 setback = float(rng.choice([0.0, 0.0, 0.35, 0.8]))
-                y = side * (HALF_STREET_M + setback)
-                pose = front_pose(x, y, KERB_M, 0.0) if side > 0 else front_pose(x + width, y, KERB_M, np.pi)
+                y = side * (HALF_STREET_WIDTH_M + setback)
+                pose = (
+                    front_pose(x, y, KERB_HEIGHT_M, 0.0) if side > 0 else front_pose(x + width, y, KERB_HEIGHT_M, np.pi)
+                )
                 parts += plan.course.stood(house(rng, pose, width, number), x + width / 2)
                 number += 1
                 x += width + (0.0 if rng.random() < 0.8 else float(rng.uniform(1.5, 3.0)))
@@ -127,26 +137,29 @@ def _houses(rng: np.random.Generator, plan: RoadPlan) -> list[AssetPart]:
 def _furniture(rng: np.random.Generator, plan: RoadPlan, travel: float, work_x: float) -> list[AssetPart]:
     parts: list[AssetPart] = []
     stood = plan.course.stood
-    kerb_y = HALF_ROAD_M + 0.55
+    kerb_y = HALF_ROAD_WIDTH_M + 0.55
 
     def clear(x: float, room: float = 5.5) -> bool:
         return not plan.crossing[0] - room < x < plan.crossing[1] + room
 
     for side, shift in ((1.0, 0.0), (-1.0, 11.0)):
         for x in np.arange(-62.0 + shift, travel + 95.0, 22.0):
-            at = np.array([x, side * kerb_y, KERB_M])
+            at = np.array([x, side * kerb_y, KERB_HEIGHT_M])
             if clear(x):
                 parts += stood(furniture.lamp_post(at, -side), float(x))
         for x in np.arange(-56.0 + shift, travel + 95.0, 11.0):
             x = float(x + rng.uniform(-1.2, 1.2))
             if clear(x, 7.0) and rng.random() < 0.5:
-                parts += stood(furniture.tree(np.array([x, side * (kerb_y + 0.35), KERB_M]), rng), x)
+                parts += stood(furniture.tree(np.array([x, side * (kerb_y + 0.35), KERB_HEIGHT_M]), rng), x)
         for x in np.arange(-40.0, travel + 60.0, 4.0):
             x = float(x + rng.uniform(-1.0, 1.0))
             if not clear(x, 4.0):
                 continue
             kind = rng.random()
-            near, far = np.array([x, side * kerb_y, KERB_M]), np.array([x, side * (HALF_STREET_M - 0.75), KERB_M])
+            near, far = (
+                np.array([x, side * kerb_y, KERB_HEIGHT_M]),
+                np.array([x, side * (HALF_STREET_WIDTH_M - 0.75), KERB_HEIGHT_M]),
+            )
             if kind < 0.14:
                 parts += stood(furniture.litter_bin(near), x)
             elif kind < 0.22:
@@ -161,10 +174,10 @@ def _furniture(rng: np.random.Generator, plan: RoadPlan, travel: float, work_x: 
                 parts += stood(furniture.sign(near, np.pi if side < 0 else 0.0, int(rng.integers(3))), x)
     for x in (plan.crossing[0] - 0.6, plan.crossing[1] + 0.6):
         for side in (1.0, -1.0):
-            at = np.array([x, side * (kerb_y + 0.1), KERB_M])
+            at = np.array([x, side * (kerb_y + 0.1), KERB_HEIGHT_M])
             parts += stood(furniture.sign(at, np.pi if x < plan.crossing[0] else 0.0, 0 if side > 0 else 2), x)
-    parts += stood(furniture.hydrant(np.array([travel * 0.5 + 9.0, -kerb_y, KERB_M])), travel * 0.5 + 9.0)
-    skip = furniture.skip_container(np.array([work_x + 5.6, -PARKED_Y, 0.0]), "#b98a1e")
+    parts += stood(furniture.hydrant(np.array([travel * 0.5 + 9.0, -kerb_y, KERB_HEIGHT_M])), travel * 0.5 + 9.0)
+    skip = furniture.skip_container(np.array([work_x + 5.6, -PARKED_Y_M, 0.0]), "#b98a1e")
     parts += stood(skip, work_x + 5.6)
     return parts
 
@@ -202,15 +215,17 @@ def _add_cars(
 
     # kind, x, y, speed, heading, and metres that it gains on that speed in its first seconds
     moving = [
-        ("sedan", 16.0, -LANE_M / 2 + 0.05, speed_m_s, 0.0, 8.0),
-        ("truck", 50.0, -LANE_M / 2, speed_m_s, 0.0, -4.0),
-        ("suv", 34.0, LANE_M / 2, 8.4, np.pi, 0.0),
-        ("hatchback", 58.0, LANE_M / 2 + 0.1, 8.4, np.pi, 3.0),
-        ("pickup", -13.0, -LANE_M / 2 - 0.05, speed_m_s, 0.0, 1.5),
+        ("sedan", 16.0, -LANE_WIDTH_M / 2 + 0.05, speed_m_s, 0.0, 8.0),
+        ("truck", 50.0, -LANE_WIDTH_M / 2, speed_m_s, 0.0, -4.0),
+        ("suv", 34.0, LANE_WIDTH_M / 2, 8.4, np.pi, 0.0),
+        ("hatchback", 58.0, LANE_WIDTH_M / 2 + 0.1, 8.4, np.pi, 3.0),
+        ("pickup", -13.0, -LANE_WIDTH_M / 2 - 0.05, speed_m_s, 0.0, 1.5),
     ]
     oncoming = 2 * travel if leaves is None else travel + 8.4 * float(times[-1])
     for x in np.arange(95.0, 60.0 + oncoming, 37.0):
-        moving.append((_PARKED_STYLES[int(rng.integers(len(_PARKED_STYLES)))], float(x), LANE_M / 2, 8.4, np.pi, 0.0))
+        moving.append(
+            (_PARKED_STYLES[int(rng.integers(len(_PARKED_STYLES)))], float(x), LANE_WIDTH_M / 2, 8.4, np.pi, 0.0)
+        )
     for kind, x, y, speed, yaw, gain in moving:
         run = speed * times + gain * (1 - np.exp(-times / 3.0))
         path = np.stack(
@@ -226,7 +241,7 @@ def _add_cars(
             if not blocked and not near_crossing and rng.random() < 0.62:
                 kind = _PARKED_STYLES[int(rng.integers(len(_PARKED_STYLES)))]
                 turn = (0.0 if side < 0 else np.pi) + float(rng.normal(0, 0.012))
-                add(kind, np.array([[x, side * PARKED_Y + rng.normal(0, 0.06), 0.0]]), np.array([turn]), False)
+                add(kind, np.array([[x, side * PARKED_Y_M + rng.normal(0, 0.06), 0.0]]), np.array([turn]), False)
             x += float(rng.uniform(6.0, 7.6))
 
 

@@ -26,7 +26,7 @@ from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
 from unisim_blender.core.scenes.scene import Scene
 from unisim_blender.core.world.drive import Camera, CameraModel, Drive, Lidar
 
-from .assets.road import MOST_DEG, Course, RoadPlan
+from .assets.road import MAX_TURN_DEG, Course, RoadPlan
 from .layout import FRAME_S, SPEED_M_S, ego_poses, lay_out
 from .tracing.trace import Asset
 
@@ -39,9 +39,9 @@ class StreetLens:
     across_deg: float | None = None
 
 
-USUAL = "pinhole"
+DEFAULT_LENS = "pinhole"
 STREET_LENSES = {
-    USUAL: StreetLens(PINHOLE),
+    DEFAULT_LENS: StreetLens(PINHOLE),
     "opencv": StreetLens(OpenCVPinhole(k1=-0.24, k2=0.09, p1=4e-4, p2=-3e-4, k3=-0.012)),
     "fisheye": StreetLens(OpenCVFisheye(k1=-0.02, k2=0.004, k3=-0.003, k4=4e-4, max_angle_deg=105.0), 150.0),
     "ftheta": StreetLens(FTheta(radius_from_angle=(1.0, 0.0, -0.03, 0.004), max_angle_deg=75.0), 120.0),
@@ -57,7 +57,7 @@ MAX_SPEED_M_S, MAX_TURNS = 40.0, 20
 ENGINES = ("exact", "cycles")
 """Who draws a street: its own renderer, its solids in closed form; or Cycles, its triangles, with
 light that bounces."""
-EGO_REACH_M = 3.5
+FINE_PAINT_REACH_M = 3.5
 """How far beside the recorded trajectory paint is as fine as a camera there needs it."""
 
 MOUNTS: dict[str, tuple[tuple[float, float, float], float, float, float]] = {
@@ -88,7 +88,7 @@ class Recipe:
     range_noise_m: float = 0.01
     engine: str = "exact"
     paths: int = 96
-    lens: str = USUAL
+    lens: str = DEFAULT_LENS
     speed_m_s: float = SPEED_M_S
     turns_deg: tuple[float, ...] = ()
 
@@ -113,10 +113,10 @@ class Recipe:
         speed, turns = self.speed_m_s, self.turns_deg
         if not _is_number(speed) or not 1 <= speed <= MAX_SPEED_M_S:
             raise LogError(f"a street's speed_m_s is from 1 to {MAX_SPEED_M_S:g} m/s, not {short(speed)}")
-        if len(turns) > MAX_TURNS or not all(_is_number(turn) and 1 <= abs(turn) <= MOST_DEG for turn in turns):
+        if len(turns) > MAX_TURNS or not all(_is_number(turn) and 1 <= abs(turn) <= MAX_TURN_DEG for turn in turns):
             raise LogError(
-                f"a street's turns_deg are up to {MAX_TURNS} numbers from 1 to {MOST_DEG:g} degrees, negative to the right, not "
-                f"{short(turns)}"
+                f"a street's turns_deg are up to {MAX_TURNS} numbers from 1 to {MAX_TURN_DEG:g} degrees, negative to the right, "
+                f"not {short(turns)}"
             )
         if self.engine != "exact" and (turns or speed != SPEED_M_S):
             raise LogError("a street with turns or another speed is drawn by the exact engine alone")
@@ -171,7 +171,7 @@ def build_street(
     range_noise_m: float = 0.01,
     engine: str = "exact",
     paths: int = 96,
-    lens: str = USUAL,
+    lens: str = DEFAULT_LENS,
     speed_m_s: float = SPEED_M_S,
     turns_deg: tuple[float, ...] = (),
 ) -> Street:
@@ -233,7 +233,7 @@ def recipe_document(recipe: Recipe) -> dict[str, Any]:
     """The recipe as a JSON document."""
     document = {"format": RECIPE_FORMAT, "version": RECIPE_VERSION, **asdict(recipe), "cameras": list(recipe.cameras)}
     document["turns_deg"] = list(recipe.turns_deg)
-    for name, usual in (("lens", USUAL), ("speed_m_s", SPEED_M_S), ("turns_deg", [])):
+    for name, usual in (("lens", DEFAULT_LENS), ("speed_m_s", SPEED_M_S), ("turns_deg", [])):
         if document[name] == usual:
             del document[name]  # as programs from before these were there read and wrote it
     return document

@@ -41,13 +41,13 @@ from .truth import (
     truth_camera,
     truth_lidar,
 )
-from .usual_edits import FOLDER, write_scenarios
+from .usual_edits import SCENARIOS_FOLDER, write_scenarios
 
-_SAME_M = 1e-4
+_SAME_HIT_M = 1e-4
 """Hits of one asset nearer together than this, both on the asset and along the ray, are the same."""
-_VISIBLE_M = 0.02
+_VISIBILITY_TOLERANCE_M = 0.02
 """A recorded ray aimed at a point sees it where it ends this near to it."""
-_SHADE = 0.01
+_MIN_SHADOW_SHARE = 0.01
 """Least change of the sky's share that counts as a shadow's."""
 _FAR_M = 1e6
 
@@ -104,7 +104,7 @@ def _changes(
     before, after = (trace_view(world, camera, camera.time_s[frame], samples, rows, painted=False) for world in worlds)
     changed = ~_same(worlds[0], before, worlds[1], after)
     light = [_light(world, view, samples) for world, view in zip(worlds, (before, after), strict=True)]
-    shaded = ~changed & (np.abs(light[0] - light[1]) > _SHADE).any(-1)
+    shaded = ~changed & (np.abs(light[0] - light[1]) > _MIN_SHADOW_SHARE).any(-1)
     edited, shadow = (_any_sample(mask, after, samples) for mask in (changed, shaded))
     return edited, shadow & ~edited
 
@@ -142,7 +142,7 @@ def _same(world_a: StreetWorld, a: TracedView, world_b: StreetWorld, b: TracedVi
     ids_b, local_b, t_b = _keys(world_b, b)
     hit = np.isfinite(t_a) & np.isfinite(t_b)
     apart = np.where(hit, t_a, 0) - np.where(hit, t_b, 0)
-    near = (np.abs(apart) <= _SAME_M) & (np.abs(local_a - local_b).max(-1) <= _SAME_M)
+    near = (np.abs(apart) <= _SAME_HIT_M) & (np.abs(local_a - local_b).max(-1) <= _SAME_HIT_M)
     return np.asarray((ids_a == ids_b) & near)
 
 
@@ -216,7 +216,7 @@ def _visible(world: StreetWorld, camera: Camera, frame: int, targets: _Targets, 
     sky = ~np.isfinite(hits.t).reshape(-1) & (wanted == -1)
     surfaces = look_up(world.placements, hits, o, rays.directions, rays.time_s, 0.0, painted=False)
     apart = np.linalg.norm(surfaces.local - targets.local[chosen[order]][surfaces.rays], axis=1)
-    sky[surfaces.rays] = (surfaces.placement == wanted[surfaces.rays]) & (apart <= _VISIBLE_M)
+    sky[surfaces.rays] = (surfaces.placement == wanted[surfaces.rays]) & (apart <= _VISIBILITY_TOLERANCE_M)
     out[order] = sky
     return out
 
@@ -339,7 +339,9 @@ class KnownStreet:
 
     def usual_edits(self, out: Path) -> tuple[Path, ...]:
         """See `KnownLog.usual_edits`."""
-        return tuple(sorted((self.path / FOLDER).glob("*.json"))) or write_scenarios(self.street, out, self.path)
+        return tuple(sorted((self.path / SCENARIOS_FOLDER).glob("*.json"))) or write_scenarios(
+            self.street, out, self.path
+        )
 
 
 class KnownStreets:

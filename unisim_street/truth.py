@@ -26,7 +26,7 @@ from .paint.light import SUN, display, shade, sky, sun_directions
 from .street import Street, street_origin
 from .tracing.surface_hits import Surfaces, look_up
 from .tracing.trace import (
-    TILE,
+    TILE_PX,
     Asset,
     AssetPlacement,
     Bundles,
@@ -39,12 +39,12 @@ from .tracing.trace import (
     untile_image,
 )
 
-_RAYS_AT_ONCE = 2**19
-_LIFT_M = 1e-3
+_RAYS_PER_CHUNK = 2**19
+_SHADOW_RAY_OFFSET_M = 1e-3
 """How far off its surface a shadow ray starts."""
-_SPARSE_RETURN = 0.02
+_MIN_RETURN_REFLECTIVITY = 0.02
 """Least reflectivity x cosine at 100 m that still returns."""
-_BEAM_RAD = 0.003
+_BEAM_DIVERGENCE_RAD = 0.003
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,8 @@ def resize(camera: Camera, width: int | None) -> Camera:
 def strips(camera: Camera, samples: int) -> list[tuple[int, int]]:
     """Ranges of pixel rows, few enough at a time that their rays fit into some 500 MB."""
     model = camera.model
-    whole_tiles = TILE // samples if TILE % samples == 0 else TILE
-    most = max(_RAYS_AT_ONCE // (model.width * samples**2) // whole_tiles * whole_tiles, whole_tiles)
+    whole_tiles = TILE_PX // samples if TILE_PX % samples == 0 else TILE_PX
+    most = max(_RAYS_PER_CHUNK // (model.width * samples**2) // whole_tiles * whole_tiles, whole_tiles)
     return [(start, min(start + most, model.height)) for start in range(0, model.height, most)]
 
 
@@ -180,7 +180,7 @@ def sun_visibility(
     toward = sun_directions(samples)[subsample[seen.rays]]
     faces = np.flatnonzero((seen.normals @ SUN > 0) & (seen.soft_normals @ SUN > 0))
     out = np.zeros(len(seen.rays))
-    start = seen.points[faces] + _LIFT_M * seen.normals[faces]
+    start = seen.points[faces] + _SHADOW_RAY_OFFSET_M * seen.normals[faces]
     out[faces] = lit(world.placements, start, toward[faces], time_s[seen.rays][faces])
     return out
 
@@ -189,7 +189,7 @@ def contact(world: StreetWorld, seen: Surfaces, time_s: FloatArray) -> FloatArra
     """How open to the sky ground points are (N,), 0..1: an actor darkens the ground under and beside
     its box, softly."""
     out = np.ones(len(seen.rays))
-    ground = np.flatnonzero(seen.placement == GROUND)
+    ground = np.flatnonzero(seen.placement == GROUND_PLACEMENT)
     if not len(ground):
         return out
     points, time = seen.points[ground], time_s[seen.rays[ground]]
@@ -297,20 +297,20 @@ def echoes(world: StreetWorld, origins: FloatArray, directions: FloatArray, time
     bundles = _bundles(world, origins, directions, time_s)
     hits = trace(world.placements, bundles)
     o, d, t = bundles.origins.reshape(-1, 3), bundles.directions.reshape(-1, 3), bundles.time_s.reshape(-1)
-    seen = look_up(world.placements, hits, o, d, t, _BEAM_RAD)
+    seen = look_up(world.placements, hits, o, d, t, _BEAM_DIVERGENCE_RAD)
     distance = np.maximum(hits.t.reshape(-1)[seen.rays], 1e-6)
     # glass scatters little and mirrors the rest away: it is seen head-on alone
     strength = seen.reflectivity * seen.cosine ** (1.0 + 7.0 * seen.glass)
     brightness = seen.reflectivity * (0.25 + 0.75 * seen.cosine) * (1.0 - 0.7 * seen.glass)
     returned, intensity = np.zeros(hits.t.size, bool), np.zeros(hits.t.size)
-    returned[seen.rays] = strength / (distance / 100.0) ** 2 >= _SPARSE_RETURN
+    returned[seen.rays] = strength / (distance / 100.0) ** 2 >= _MIN_RETURN_REFLECTIVITY
     intensity[seen.rays] = np.clip(brightness, 0, 1)
     instance = np.maximum(hits.placement.astype(np.int32) - world.first_actor + 1, 0)
     shape = bundles.shape
     return Echoes(hits.t, intensity.reshape(shape), returned.reshape(shape), instance)
 
 
-GROUND = 0
+GROUND_PLACEMENT = 0
 """Number of the ground's placement; static objects, copies of them and the actors follow."""
 
 

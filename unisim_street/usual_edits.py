@@ -12,23 +12,23 @@ import numpy as np
 from unisim_blender.core.files import write_file
 from unisim_blender.core.world.drive import Actor
 
-from .layout import PARKED_Y
+from .layout import PARKED_Y_M
 from .street import Street
 
-FOLDER = "scenarios"
+SCENARIOS_FOLDER = "scenarios"
 SHIFTS_M = (0.5, 2.0, 3.0)
-_AHEAD_M = (12.0, 30.0)
+_PARKED_AHEAD_M = (12.0, 30.0)
 """Where, before the drive's start, a parked car is well seen."""
-_COMMON_M = 4.6
+_USUAL_CAR_LENGTH_M = 4.6
 """A usual car's length."""
 
 
 def write_scenarios(street: Street, out: Path, log: Path) -> tuple[Path, ...]:
     """Write the usual edits of the street whose log is at ``log`` as scenarios below ``out``; their paths."""
-    paths, where = [], Path(os.path.relpath(log, out / FOLDER)).as_posix()
+    paths, where = [], Path(os.path.relpath(log, out / SCENARIOS_FOLDER)).as_posix()
     for name, edits in usual_edits(street).items():
         document = {"format": "unisim-scenario", "version": 1, "name": name, "log": where, "edits": edits}
-        path = out / FOLDER / f"{name}.json"
+        path = out / SCENARIOS_FOLDER / f"{name}.json"
         write_file(path, (json.dumps(document, indent=1) + "\n").encode())
         paths.append(path)
     return tuple(paths)
@@ -40,18 +40,18 @@ def usual_edits(street: Street) -> dict[str, list[dict[str, Any]]]:
     # the left row: the right one has the works' cones and skip
     parked = {uid: actor for uid, actor in actors.items() if uid.startswith("car-") and _parked_left(street, actor)}
     x = {uid: float(actor.world_from_actor.positions[0, 0]) for uid, actor in parked.items()}
-    middle = sum(_AHEAD_M) / 2
+    middle = sum(_PARKED_AHEAD_M) / 2
     removed = min(x, key=lambda uid: abs(x[uid] - middle))
     travel = float(np.ptp(street.drive.world_from_ego.positions[:, 0]))
-    places = np.arange(_AHEAD_M[0], 2 * _AHEAD_M[1], 0.5)
+    places = np.arange(_PARKED_AHEAD_M[0], 2 * _PARKED_AHEAD_M[1], 0.5)
     away = np.abs(places[:, None] - np.array(list(x.values()))).min(1)
     # of the places with room for a car the one that is seen best
-    roomy = places[away >= min(_COMMON_M + 0.8, away.max())]
+    roomy = places[away >= min(_USUAL_CAR_LENGTH_M + 0.8, away.max())]
     place = float(roomy[np.abs(roomy - middle).argmin()])
     # what no camera came near shows nobody how it looks
-    passed = [uid for uid in x if uid != removed and _AHEAD_M[0] <= x[uid] <= _AHEAD_M[1] + travel]
-    appearance = min(passed or [removed], key=lambda uid: abs(float(actors[uid].size_m[0]) - _COMMON_M))
-    position = [place, PARKED_Y - float(street.drive.world_origin[1]), float(actors[appearance].size_m[2]) / 2]
+    passed = [uid for uid in x if uid != removed and _PARKED_AHEAD_M[0] <= x[uid] <= _PARKED_AHEAD_M[1] + travel]
+    appearance = min(passed or [removed], key=lambda uid: abs(float(actors[uid].size_m[0]) - _USUAL_CAR_LENGTH_M))
+    position = [place, PARKED_Y_M - float(street.drive.world_origin[1]), float(actors[appearance].size_m[2]) / 2]
     oncoming = next(
         uid for uid in sorted(actors) if actors[uid].is_moving and actors[uid].world_from_actor.poses[0, 0, 0] < 0
     )

@@ -22,7 +22,7 @@ from unisim_blender.core.simulation.drivers.driver import EgoMotion, Observation
 from unisim_blender.core.simulation.rollout.sensors import SensorSource
 from unisim_blender.core.simulation.rollout.setup import Simulation
 from unisim_blender.core.simulation.step import recorded_ego
-from unisim_blender.core.world.captures import SECOND_US, time_name
+from unisim_blender.core.world.captures import US_PER_SECOND, time_name
 from unisim_blender.core.world.drive import Actor
 
 AFTER_S = 0.5
@@ -44,7 +44,7 @@ def outputs_of(simulation: Simulation, sensors: SensorSource, detectors: Detecto
         motion = EgoMotion(now_us, recorded_ego(context, now_us))
         plan = driver.drive(Observation(now_us, tuple(images), tuple(sweeps), (motion,)))
         last_us = now_us
-        if now_us < context.start_us + AFTER_S * SECOND_US:
+        if now_us < context.start_us + AFTER_S * US_PER_SECOND:
             continue
         boxes = np.array([track.box for track in driver.tracks]).reshape(-1, 5)
         frames[(context.drive.name, time_name(now_us))] = FrameOutput(
@@ -71,7 +71,7 @@ def labels_of(simulation: Simulation, log: Log, like: ModelOutputs) -> ModelOutp
     swept = log.sweep_frames(lidar.sensor_id)
     frames = {}
     for key, answered in like.frames.items():
-        now_s = int(str(key[1])[1:-2]) / SECOND_US
+        now_s = int(str(key[1])[1:-2]) / US_PER_SECOND
         before = max((frame for frame in swept if lidar.time_s[frame] <= now_s), default=swept[0])
         points = log.sweep(lidar.sensor_id, before).points
         ego = invert_pose(context.drive.world_from_ego.at(now_s))
@@ -86,7 +86,7 @@ def labels_of(simulation: Simulation, log: Log, like: ModelOutputs) -> ModelOutp
             yaw = np.arctan2(pose[1, 0], pose[0, 0])
             boxes.append([*pose[:2, 3], *actor.size_m[:2], yaw])
             ignored.append(hits < LEAST_POINTS or not (X_M[0] <= x < X_M[1] and Y_M[0] <= y < Y_M[1]))
-            forecasts.append(_went(actor, now_s, context.stop_us / SECOND_US))
+            forecasts.append(_went(actor, now_s, context.stop_us / US_PER_SECOND))
         count = len(boxes)
         frames[key] = FrameOutput(
             np.array(boxes, np.float64).reshape(-1, 5), np.ones(count), (CLASS,) * count, np.array(ignored, bool),

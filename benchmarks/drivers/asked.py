@@ -7,10 +7,10 @@ from pathlib import Path
 
 from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
 from unisim_blender.core.scenario import rebased, save_scenario
-from unisim_blender.core.scenario.simulation import OTHERS, Jitter, RateSpec, SimulationSpec
+from unisim_blender.core.scenario.simulation import OTHER_ACTORS, Jitter, RateSpec, SimulationSpec
 from unisim_blender.core.scenario.time_range import Outside
 from unisim_blender.core.scenario.times import recording_us
-from unisim_blender.core.world.captures import SECOND_US
+from unisim_blender.core.world.captures import US_PER_SECOND
 
 JITTER = Jitter(ego_along_m=0.5, ego_aside_m=0.2, ego_speed_m_s=0.5, actors_s=0.2)
 """Starts of `--check-bytes`: rollouts of different seeds must differ."""
@@ -27,7 +27,7 @@ def write_asked(
     rates = own.rates
     if period_s is not None:
         rates = dict.fromkeys((*plan.settings.cameras, *plan.settings.lidars), RateSpec(period_s))
-    models = {OTHERS: {"type": actors}, **(own.actors or {})}
+    models = {OTHER_ACTORS: {"type": actors}, **(own.actors or {})}
     spec = replace(own, actors=models, rates=rates, jitter=jitter or own.jitter)
     outside = scenario.outside or Outside("continue", "continue")
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -42,5 +42,5 @@ def seconds_for(path: Path, options: RenderOptions, drives: bool, wanted_s: floa
         return wanted_s
     first_us, last_us = recording_us(prepared.edited)
     spec = prepared.scenario.simulation or SimulationSpec()
-    left_s = last_us / SECOND_US - (first_us / SECOND_US if spec.start_s is None else spec.start_s)
+    left_s = last_us / US_PER_SECOND - (first_us / US_PER_SECOND if spec.start_s is None else spec.start_s)
     return min(wanted_s, left_s)

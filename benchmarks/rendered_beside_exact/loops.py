@@ -23,7 +23,7 @@ from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.processes import single_threaded
 from unisim_blender.core.render.captures import states_of
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.scenario.simulation import OTHERS, Jitter, RateSpec, SimulationSpec
+from unisim_blender.core.scenario.simulation import OTHER_ACTORS, Jitter, RateSpec, SimulationSpec
 from unisim_blender.core.scenes.recipe import load_backend
 from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.sensors.lidar import column_azimuths, column_times
@@ -116,7 +116,7 @@ class Loops:
         lead, model = lead_of(unit.seed)
         spec = SimulationSpec(
             start_s=START_S, duration_s=self.duration_s, step_s=PERIOD_S, seed=unit.seed, jitter=JITTER,
-            actors={OTHERS: {"type": "lane"}, LEAD: model},
+            actors={OTHER_ACTORS: {"type": "lane"}, LEAD: model},
             rates={name: RateSpec(PERIOD_S) for name in (CAMERA, PANDAR64)},
         )  # fmt: skip
         kind = DriverKind("perception", "", lambda setup: Perception(setup, detectors))

@@ -52,7 +52,7 @@ class ChequeredTracer:
 
     def trace(
         self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats
-    ) -> TraceResult:
+    ) -> TraceResult[Array]:
         flat = rays.flat().sound()
         down = flat.directions[:, 2]
         hit = (down < -1e-6) & (flat.origins[:, 2] > 0)
@@ -71,11 +71,13 @@ class ChequeredTracer:
         maps = {name: values for name, values in maps.items() if name in passes}
         return TraceResult(colour, np.where(hit, depth, 0.0), hit.astype(np.float32), maps)
 
-    def image(self, traced: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+    def image(
+        self, traced: TraceResult[Array], directions: FloatArray, camera_id: str, shape: tuple[int, ...]
+    ) -> Array:
         image: Array = traced.feature.reshape(*shape, 3)
         return image
 
-    def returns(self, traced: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, traced: TraceResult[Array], directions: FloatArray) -> tuple[Array, Array]:
         return traced.feature[:, 0], traced.opacity
 
     def heights(self, points: FloatArray) -> FloatArray:

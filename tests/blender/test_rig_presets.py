@@ -20,7 +20,7 @@ from unisim_blender.bridge.objects.sensors import camera_model_of
 from unisim_blender.bridge.views.sensor_facts import card_of_sensor, size_of_sensor
 from unisim_blender.bridge.views.trails import outline
 from unisim_blender.core.geometry import invert_pose
-from unisim_blender.core.rigs import read_rig
+from unisim_blender.core.rigs import built_in_rigs, read_rig
 from unisim_blender.core.sensors.beam_tables import BEAM_TABLES
 from unisim_blender.editing.sampled.scene import rigid
 from unisim_blender.editing.sensors.names import rate_of
@@ -200,7 +200,7 @@ def test_saving_asks_before_it_replaces_and_removing_deletes(street: Any, folder
             bpy.ops.unisim.save_rig(name=name)
     other = folder.parent / "other.json"
     other.write_text("{}")
-    for path in (other, rig_presets.built_in_presets()[0]):
+    for path in (other, built_in_rigs()[0]):
         with pytest.raises(RuntimeError, match="is no rig preset in Blender's presets folders"):
             bpy.ops.unisim.remove_rig(filepath=str(path))
     assert bpy.ops.unisim.remove_rig(filepath=str(team)) == {"FINISHED"}
@@ -240,7 +240,7 @@ def test_of_a_bad_file_nothing_is_applied(street: Any, folder: Path, change: Any
 
 
 def test_the_built_in_ones_go_on_the_vehicle(street: Any) -> None:
-    for path in rig_presets.built_in_presets():
+    for path in built_in_rigs():
         assert apply(path) == {"FINISHED"}
         rig = read_rig(path)
         assert sorted(sensors(street)) == sorted(
@@ -248,7 +248,7 @@ def test_the_built_in_ones_go_on_the_vehicle(street: Any) -> None:
         )
         front = front_camera(street)
         assert front == street.camera and abs(rigid(np.array(front.matrix_local, float))[1, 2]) < 0.01
-    properties = SimpleNamespace(filepath=str(rig_presets.built_in_presets()[0]))
+    properties = SimpleNamespace(filepath=str(built_in_rigs()[0]))
     operator = bpy.types.UNISIM_OT_apply_rig
     assert "2 cameras, 1 LiDAR. The rectified stereo pair" in operator.description(bpy.context, properties)
     properties.filepath = "/nowhere.json"

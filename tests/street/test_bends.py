@@ -13,8 +13,16 @@ from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.formats.pandaset.sensors import PANDAR64
 from unisim_blender.core.geometry import FloatArray
-from unisim_street.assets.road import APART_M, HALF_ROAD_M, HALF_STREET_M, KERB_M, LANE_M, RADIUS_M, Course
-from unisim_street.layout import EGO_Y, FRAME_S
+from unisim_street.assets.road import (
+    BEND_RADIUS_M,
+    HALF_ROAD_WIDTH_M,
+    HALF_STREET_WIDTH_M,
+    KERB_HEIGHT_M,
+    LANE_WIDTH_M,
+    MIN_SELF_DISTANCE_M,
+    Course,
+)
+from unisim_street.layout import EGO_Y_M, FRAME_S
 from unisim_street.street import (
     RECIPE_FILE,
     Recipe,
@@ -57,7 +65,7 @@ def test_the_middle_line_is_as_long_as_it_says_and_bends_by_its_radius() -> None
     steps = np.hypot(np.diff(x), np.diff(y))
     np.testing.assert_allclose(steps, 0.01, rtol=1e-6)
     turning = np.diff(heading) / 0.01
-    assert turning.max() == pytest.approx(1 / RADIUS_M) and turning.min() == 0.0
+    assert turning.max() == pytest.approx(1 / BEND_RADIUS_M) and turning.min() == 0.0
 
 
 @pytest.mark.parametrize("turns", [(), (90.0,)])
@@ -107,7 +115,7 @@ def test_sectors_are_met_where_they_are(inner: float) -> None:
 def test_the_ground_is_as_high_as_it_says(street: Street) -> None:
     rng = np.random.default_rng(2)
     s, d = rng.uniform(-50, 370, 3000), rng.uniform(-20, 20, 3000)
-    d = np.where(np.abs(np.abs(d) - HALF_ROAD_M) < 1e-3, 0.0, d)
+    d = np.where(np.abs(np.abs(d) - HALF_ROAD_WIDTH_M) < 1e-3, 0.0, d)
     x, y, _ = street.plan.course.place(s, d, np.zeros(3000))
     origins = np.stack([x, y, np.full(3000, 5.0)], -1)
     down = np.broadcast_to([0.0, 0.0, -1.0], origins.shape)
@@ -117,7 +125,7 @@ def test_the_ground_is_as_high_as_it_says(street: Street) -> None:
     height = 5.0 - hits.t[:, 0]
     np.testing.assert_allclose(height, street.ground_height(origins[:, :2]), atol=1e-9)
     in_crossing = (s > street.plan.crossing[0]) & (s < street.plan.crossing[1])
-    np.testing.assert_array_equal(height > KERB_M / 2, (np.abs(d) > HALF_ROAD_M) & ~in_crossing)
+    np.testing.assert_array_equal(height > KERB_HEIGHT_M / 2, (np.abs(d) > HALF_ROAD_WIDTH_M) & ~in_crossing)
 
 
 def test_a_sweep_in_a_bend_lies_on_what_is_there(street: Street) -> None:
@@ -128,11 +136,13 @@ def test_a_sweep_in_a_bend_lies_on_what_is_there(street: Street) -> None:
     s, d = street.plan.course.coordinates(points[:, :2])
     assert 90 < np.median(s) < 135
     ground = (sweep.instance[back] == 0) & (np.abs(points[:, 2] - street.ground_height(points[:, :2])) < 2e-3)
-    assert (ground & (np.abs(d) < HALF_ROAD_M)).sum() > 5000 and (ground & (np.abs(d) > HALF_ROAD_M)).sum() > 500
+    assert (ground & (np.abs(d) < HALF_ROAD_WIDTH_M)).sum() > 5000 and (
+        ground & (np.abs(d) > HALF_ROAD_WIDTH_M)
+    ).sum() > 500
     assert points[:, 2].min() > -2e-3
     # fronts bound the street on both sides, all round the bend; nearer stand trees and lamps
     high = (points[:, 2] > 7.5) & (np.abs(s - 112) < 30)
-    assert (np.abs(d[high]) > HALF_STREET_M - 1.0).all()
+    assert (np.abs(d[high]) > HALF_STREET_WIDTH_M - 1.0).all()
     fronts = (points[:, 2] > 2.5) & (np.abs(s - 112) < 30)
     assert ((d > 8) & fronts).sum() > 300 and ((d < -8) & fronts).sum() > 300
 
@@ -143,7 +153,7 @@ def test_the_drive_and_the_traffic_follow_the_street(street: Street) -> None:
     poses = street_origin(drive.world_origin) @ drive.world_from_ego.at(times)
     s, d = street.plan.course.coordinates(poses[:, :2, 3])
     np.testing.assert_allclose(s, SPEED_M_S * FRAME_S * np.arange(FRAMES), atol=1e-6)
-    assert (np.abs(d - EGO_Y) < 0.17).all()
+    assert (np.abs(d - EGO_Y_M) < 0.17).all()
     heading = np.unwrap(np.arctan2(poses[:, 1, 0], poses[:, 0, 0]))
     assert np.degrees(heading[-1] - heading[0]) == pytest.approx(sum(TURNS), abs=2.0)
     assert np.degrees(heading).max() == pytest.approx(90.0, abs=2.0)
@@ -152,10 +162,14 @@ def test_the_drive_and_the_traffic_follow_the_street(street: Street) -> None:
         there = times[(times >= actor.start_s) & (times <= actor.end_s)]
         at = street_origin(drive.world_origin) @ actor.world_from_actor.at(there)
         s, d = street.plan.course.coordinates(at[:, :2, 3])
-        assert (np.abs(d) < HALF_STREET_M).all() and (s > street.plan.start_x).all() and (s < street.plan.end_x).all()
+        assert (
+            (np.abs(d) < HALF_STREET_WIDTH_M).all()
+            and (s > street.plan.start_x).all()
+            and (s < street.plan.end_x).all()
+        )
         if actor.is_moving:
             moving += 1
-            assert (np.abs(np.abs(d) - LANE_M / 2) < 0.3).all()
+            assert (np.abs(np.abs(d) - LANE_WIDTH_M / 2) < 0.3).all()
             ahead = street.plan.course.place(s, d, np.zeros(len(s)))[2]
             along = np.cos(np.arctan2(at[:, 1, 0], at[:, 0, 0]) - ahead)
             assert (np.abs(along) > 0.99).all() and (np.sign(along) == -np.sign(d)).all()
@@ -185,7 +199,7 @@ def test_a_recipe_is_read_as_it_was_written(street: Street, tmp_path: Path) -> N
         ({"turns_deg": (0.0,), "frames": 400}, "turns_deg are up to 20 numbers"),
         ({"turns_deg": (float("nan"),), "frames": 400}, "turns_deg are up to 20 numbers"),
         ({"turns_deg": ("left",), "frames": 400}, "turns_deg are up to 20 numbers"),
-        ({"turns_deg": (90.0,) * 4, "frames": 1000}, f"comes within {APART_M:.0f} m of itself"),
+        ({"turns_deg": (90.0,) * 4, "frames": 1000}, f"comes within {MIN_SELF_DISTANCE_M:.0f} m of itself"),
         ({"speed_m_s": 0.5}, "speed_m_s is from 1 to 40 m/s, not 0.5"),
         ({"speed_m_s": True}, "speed_m_s is from 1 to 40 m/s"),
         ({"speed_m_s": 20.0, "engine": "cycles"}, "drawn by the exact engine alone"),

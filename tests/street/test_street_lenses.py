@@ -18,11 +18,11 @@ from unisim_blender.core.lenses import PINHOLE
 from unisim_blender.core.sensors.camera import pixel_grid
 from unisim_blender.core.sensors.unprojection import has_direction
 from unisim_street.commands.synth import LENSES, command
-from unisim_street.street import STREET_LENSES, USUAL, Recipe, Street, build_street, load_street, recipe_document
+from unisim_street.street import DEFAULT_LENS, STREET_LENSES, Recipe, Street, build_street, load_street, recipe_document
 from unisim_street.truth import truth_camera
 
 CAMERA, WIDTH, HEIGHT = "front_camera", 96, 54
-BENT = [name for name in STREET_LENSES if name != USUAL]
+BENT = [name for name in STREET_LENSES if name != DEFAULT_LENS]
 
 
 def test_the_command_has_every_lens() -> None:

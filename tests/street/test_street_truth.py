@@ -13,7 +13,7 @@ from unisim_blender.core.geometry import FloatArray, Trajectory, invert_pose, po
 from unisim_blender.core.sensors.camera import camera_rays, line_times, pixel_grid
 from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame
 from unisim_blender.core.world.drive import Actor, Appearance, Box, Drive, StaticCopy
-from unisim_street.assets.road import HALF_ROAD_M, KERB_M
+from unisim_street.assets.road import HALF_ROAD_WIDTH_M, KERB_HEIGHT_M
 from unisim_street.street import Street, build_street
 from unisim_street.street_truth import edit_masks
 from unisim_street.tracing.shapes import Convex
@@ -65,9 +65,13 @@ def test_lidar_ranges_are_exact_on_the_road(street: Street, sweep: LidarFrame) -
     lane = sweep.returned & (np.abs(points[..., 1]) < 3.4) & (points[..., 2] < 0.1) & (sweep.instance == 0)
     assert lane.sum() > 5000
     assert np.abs(points[lane][:, 2]).max() < 2e-6 * sweep.depth_m[lane].max()  # float32 depths
-    pavement = sweep.returned & (np.abs(points[..., 1]) > HALF_ROAD_M + 0.1) & (np.abs(points[..., 2] - KERB_M) < 5e-4)
+    pavement = (
+        sweep.returned
+        & (np.abs(points[..., 1]) > HALF_ROAD_WIDTH_M + 0.1)
+        & (np.abs(points[..., 2] - KERB_HEIGHT_M) < 5e-4)
+    )
     assert pavement.sum() > 1000
-    np.testing.assert_array_equal(street.ground_height(points[pavement][:, :2]), KERB_M)
+    np.testing.assert_array_equal(street.ground_height(points[pavement][:, :2]), KERB_HEIGHT_M)
 
 
 def test_lidar_points_lie_on_moving_cars_at_their_own_time(street: Street, sweep: LidarFrame) -> None:
@@ -321,7 +325,7 @@ def test_bad_recipes_are_refused(values: dict[str, object]) -> None:
 
 
 def test_an_image_in_strips_is_the_image(street: Street, image: CameraFrame, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("unisim_street.truth._RAYS_AT_ONCE", 160 * 4 * 20)
+    monkeypatch.setattr("unisim_street.truth._RAYS_PER_CHUNK", 160 * 4 * 20)
     striped = truth_camera(street, street.drive, CAMERA, 3)
     np.testing.assert_allclose(striped.rgb, image.rgb, atol=1e-5)
     assert striped.instance is not None and image.instance is not None

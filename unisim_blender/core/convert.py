@@ -63,7 +63,7 @@ def open_source(path: Path | str) -> ConvertSource:
     return ConvertSource(log, digest.hexdigest())
 
 
-STATE = "conversion.json"
+STATE_NAME = "conversion.json"
 FORMAT, VERSION = "unisim-conversion", 1
 
 
@@ -111,7 +111,7 @@ def convert(
             raise OutputError(f"{out}: is no folder")
         if any(out.iterdir()):
             _check_same(out, about)
-            finished = Node(read_json(out / STATE, OutputError), f"{out / STATE}: ", OutputError)
+            finished = Node(read_json(out / STATE_NAME, OutputError), f"{out / STATE_NAME}: ", OutputError)
             losses = tuple(node.text() for node in finished.key("losses").elements())
             captures, opens = finished.key("captures").integer(at_least=1), finished.key("opens").text()
             return Converted(0, captures, losses, out / opens, was_there=True)
@@ -141,7 +141,7 @@ def _convert(
             shutil.rmtree(folder, ignore_errors=True)
         raise
     said = {"captures": captures, "losses": list(plan.losses), "opens": plan.opens}
-    write_file(folder / STATE, json_bytes({**about, **said}))
+    write_file(folder / STATE_NAME, json_bytes({**about, **said}))
     on_start(captures, plan.losses)
     written, reused = _write_parts(plan, folder, on_reused, on_capture)
     plan.finish()
@@ -172,7 +172,7 @@ def _write_parts(
 def _state(folder: Path) -> dict[str, Any] | None:
     """Return the state of the conversion that a folder records; None where it records none."""
     try:
-        state = json.loads((folder / STATE).read_bytes())
+        state = json.loads((folder / STATE_NAME).read_bytes())
     except (OSError, ValueError, RecursionError):
         return None
     return state if isinstance(state, dict) and state.get("format") == FORMAT else None
@@ -191,7 +191,7 @@ def _check_same(folder: Path, about: dict[str, Any]) -> None:
         )
 
 
-NAMED = 5
+MAX_NAMED = 5
 
 
 def losses_of(scenario: Scenario, drive: Drive, sensors: bool) -> list[str]:
@@ -214,8 +214,8 @@ def losses_of(scenario: Scenario, drive: Drive, sensors: bool) -> list[str]:
 
 def named(names: list[str]) -> str:
     """Return names in a sentence, the first few where there are many."""
-    shown = ", ".join(names[:NAMED])
-    return shown if len(names) <= NAMED else f"{shown} and {len(names) - NAMED} more"
+    shown = ", ".join(names[:MAX_NAMED])
+    return shown if len(names) <= MAX_NAMED else f"{shown} and {len(names) - MAX_NAMED} more"
 
 
 @dataclass(frozen=True)

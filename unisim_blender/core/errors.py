@@ -30,13 +30,13 @@ class OutputError(UnisimError):
     """Output that cannot be written."""
 
 
-MOST_LETTERS = 300
+MAX_LETTERS = 300
 
 
 def in_a_line(fault: Exception) -> str:
     """Return a library's message about a broken file in one line of at most MOST_LETTERS letters."""
     text = " ".join(str(fault).split()) or type(fault).__name__
-    return text if len(text) <= MOST_LETTERS else f"{text[:MOST_LETTERS]} …"
+    return text if len(text) <= MAX_LETTERS else f"{text[:MAX_LETTERS]} …"
 
 
 def short(value: object) -> str:
@@ -46,10 +46,10 @@ def short(value: object) -> str:
 
 
 EXTRA = ".[torch]"
-NCORE = ("ncore", "zarr", "numcodecs", "cbor2", "upath", "dataclasses_json")
+NCORE_MODULES = ("ncore", "zarr", "numcodecs", "cbor2", "upath", "dataclasses_json")
 OPTIONAL = {
     **dict.fromkeys(("torch", "safetensors", "scipy", "skimage"), EXTRA),
-    **dict.fromkeys(NCORE, ".[ncore]"),
+    **dict.fromkeys(NCORE_MODULES, ".[ncore]"),
     "bpy": ".[blender]",
     "pyarrow": ".[parquet]",
     "imageio_ffmpeg": "imageio-ffmpeg",
@@ -66,7 +66,7 @@ OPTIONAL = {
 in no index: the folder of its sources."""
 
 
-DISTRIBUTIONS = {**dict.fromkeys(NCORE, "nvidia-ncore"), "skimage": "scikit-image"}
+DISTRIBUTIONS = {**dict.fromkeys(NCORE_MODULES, "nvidia-ncore"), "skimage": "scikit-image"}
 """Names by which pip knows packages whose modules have other names."""
 _blenders_folder = ""
 

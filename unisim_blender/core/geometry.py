@@ -17,6 +17,8 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
+UNIT_BOX_CORNERS = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5], indexing="ij"), -1).reshape(8, 3)
+"""The corners (8, 3) of a box with edges 1 about its centre."""
 _PRODUCTS = np.array([[0, 4, 5, 6], [4, 1, 7, 8], [5, 7, 2, 9], [6, 8, 9, 3]])
 """Which of ww, xx, yy, zz, wx, wy, wz, xy, xz, yz are w, x, y, z times the largest of them."""
 
@@ -316,8 +318,7 @@ def split_trajectories(
 
 def box_corners(pose: FloatArray, size_m: FloatArray) -> FloatArray:
     """The 8 corners (8, 3) of a box with its centre at ``pose`` (4, 4) and edges ``size_m`` (3,)."""
-    signs = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5], indexing="ij"), -1).reshape(8, 3)
-    return transform_points(pose, signs * np.asarray(size_m))
+    return transform_points(pose, UNIT_BOX_CORNERS * np.asarray(size_m))
 
 
 def points_in_box(points: FloatArray, pose: FloatArray, size_m: FloatArray) -> BoolArray:

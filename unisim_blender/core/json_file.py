@@ -17,7 +17,7 @@ import numpy as np
 from .errors import UnisimError, short
 from .geometry import FloatArray
 
-RIGID = 1e-3
+ROTATION_TOLERANCE = 1e-3
 """How far from 1 and 0 the products of a rotation's axes may be."""
 MAX_INTEGER = 2**53
 """Whole numbers up to here are exact in float64."""
@@ -231,7 +231,7 @@ def _is_pose(pose: FloatArray) -> bool:
     rotation = pose[:3, :3]
     with np.errstate(over="ignore", invalid="ignore"):
         square = np.abs(rotation @ rotation.T - np.eye(3)).max()
-        return bool(square <= RIGID and np.linalg.det(rotation) > 0 and (pose[3] == [0, 0, 0, 1]).all())
+        return bool(square <= ROTATION_TOLERANCE and np.linalg.det(rotation) > 0 and (pose[3] == [0, 0, 0, 1]).all())
 
 
 def _of_numbers(value: Any) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-EVERY_S = 30.0
+LINE_INTERVAL_S = 30.0
 """So far apart are the lines."""
 
 
@@ -32,7 +32,7 @@ class Bar(tqdm):  # type: ignore[misc]
         """Draw the bar, or write its line where one is due."""
         if not self.in_lines:
             return bool(super().display(msg, pos))
-        due = time.monotonic() - self._said_at >= EVERY_S
+        due = time.monotonic() - self._said_at >= LINE_INTERVAL_S
         if due:
             self._say()
         return due

@@ -9,7 +9,7 @@ from ..bridge.objects.imported import imported_objects
 from ..bridge.objects.meshes import parts
 from ..bridge.window import allowed, choose, chosen, object_mode, refresh, selected, vehicle
 from ..core.errors import UnisimError
-from ..core.scenario.edits.ego_body import LABEL
+from ..core.scenario.edits.ego_body import DEFAULT_LABEL
 from ..translations import message
 from .actors.operators import DIRECTIONS, marked_above
 from .operator_bases import Needing, reporting
@@ -57,7 +57,7 @@ class UNISIM_OT_ego_body(Needing, bpy.types.Operator):
     place: EnumProperty(name="Place", items=PLACES)
     forward: EnumProperty(name="Points along", items=DIRECTIONS)
     label: StringProperty(
-        name="Class", description="As the log's labels have it: Car, Pickup Truck, Bus …", default=LABEL
+        name="Class", description="As the log's labels have it: Car, Pickup Truck, Bus …", default=DEFAULT_LABEL
     )
 
     @reporting
@@ -75,7 +75,7 @@ class UNISIM_OT_ego_body(Needing, bpy.types.Operator):
                 )
             )
         meshes.sort(key=lambda obj: obj == context.active_object)
-        body = make_body(context.scene, meshes, self.label or LABEL, self.forward, self.place == "VEHICLE")
+        body = make_body(context.scene, meshes, self.label or DEFAULT_LABEL, self.forward, self.place == "VEHICLE")
         choose(context, body)
         refresh([body])
         self.report({"INFO"}, message("{name} is the ego vehicle's body", name=body.name))

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ..bridge.window import allowed, areas, redraw_status_bar
+from ..bridge.window import allowed, redraw, redraw_status_bar
 from ..editing.layout.chart import ChartImage, training_chart
 from ..registering import add, take_away
 from ..translations import message
@@ -70,8 +70,7 @@ def tell(task: Task) -> None:
         show(image_path)
     if isinstance(task, TrainingTask):
         show_curve(training_chart(task.curve(), task.total))
-    for area in areas("VIEW_3D", "IMAGE_EDITOR"):
-        area.tag_redraw()
+    redraw("VIEW_3D", "IMAGE_EDITOR")
 
 
 def owner() -> str:

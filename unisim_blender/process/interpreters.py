@@ -16,7 +16,7 @@ from typing import Any
 
 import bpy
 
-from ..bridge.window import areas
+from ..bridge.window import redraw
 from ..preferences import interpreter
 from ..translations import message
 
@@ -152,8 +152,7 @@ class UNISIM_OT_test_renderer(bpy.types.Operator):
             if thread.is_alive():
                 return POLL_S
             bpy.context.window_manager.unisim_renderer = answer[0] if answer else message("The test failed")
-            for area in areas():
-                area.tag_redraw()
+            redraw()
             return None
 
         if bpy.app.background:

@@ -19,7 +19,7 @@ from ..bridge.objects.ego_bodies import bodies_differ, show_bodies, shown_as
 from ..bridge.objects.imported import source_of
 from ..bridge.objects.sensors import drawn_tiny, frustums_differ, resize_frustums
 from ..bridge.sampling.stepping import frame_of
-from ..bridge.window import areas
+from ..bridge.window import redraw
 from ..core.errors import UnisimError
 from ..registering import Drawing
 
@@ -151,8 +151,7 @@ def _follow() -> None:
             path = _behind(scene)
             if path is not None:
                 show_background(scene.camera, path)
-    for area in areas("VIEW_3D"):
-        area.tag_redraw()
+    redraw("VIEW_3D")
 
 
 def _noted(screen: bpy.types.Screen) -> dict[int, set[str]]:

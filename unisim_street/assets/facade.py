@@ -26,7 +26,7 @@ from ..paint.materials import (
 )
 from ..tracing.shapes import Solid, first_inside, slab
 
-_SLACK = 2e-6
+_CHEEK_TOLERANCE_M = 2e-6
 """Metres by which an opening's cheeks, found with rounding, may lie beside it: those of triangles are
 single precision's."""
 
@@ -67,10 +67,14 @@ class Facade(Solid):
         x, _, z = points.T
         storey = np.clip(np.searchsorted(self._floors, z, side="right") - 1, 0, len(self._floors) - 1)
         low, high, first, pitch, width, count, _ = self._table[storey].T
-        column = np.floor((x - first + _SLACK) / pitch)
+        column = np.floor((x - first + _CHEEK_TOLERANCE_M) / pitch)
         across = x - first - column * pitch
         inside = (
-            (column >= 0) & (column < count) & (across <= width + _SLACK) & (z >= low - _SLACK) & (z <= high + _SLACK)
+            (column >= 0)
+            & (column < count)
+            & (across <= width + _CHEEK_TOLERANCE_M)
+            & (z >= low - _CHEEK_TOLERANCE_M)
+            & (z <= high + _CHEEK_TOLERANCE_M)
         )
         return storey, np.where(inside, column, -1).astype(np.int64)
 
@@ -89,7 +93,7 @@ class Facade(Solid):
         storey, column = self.cell(start)
         left, right, low, high, depth = self.rectangle(storey, column)
         # only what starts within an opening's hollow goes on: on the front plane, or deeper after a part was cut away
-        hollow = (column >= 0) & (start[:, 1] < depth - _SLACK)
+        hollow = (column >= 0) & (start[:, 1] < depth - _CHEEK_TOLERANCE_M)
         rows = rows[hollow]
         o, d = origins[rows], directions[rows]
         walls = np.stack(
@@ -107,7 +111,7 @@ class Facade(Solid):
         storey, column = self.cell(points)
         left, right, low, high, depth = self.rectangle(storey, column)
         x, y, z = points.T
-        hollow = (column >= 0) & (y <= depth + _SLACK) & (y > _SLACK)
+        hollow = (column >= 0) & (y <= depth + _CHEEK_TOLERANCE_M) & (y > _CHEEK_TOLERANCE_M)
         outer = np.stack([y, self.depth - y, x, self.width - x, z, self.height - z], -1)
         inner = np.stack(
             [np.abs(depth - y), np.abs(x - left), np.abs(right - x), np.abs(z - low), np.abs(high - z)], -1

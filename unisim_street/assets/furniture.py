@@ -17,7 +17,7 @@ from ..tracing.trace import Asset, AssetPart
 CONE_SIZE_M = np.array([0.36, 0.36, 0.72])
 """Edges (3,) of a traffic cone's box."""
 
-_CLUMPS = 150
+_CLUMPS_PER_CROWN = 150
 """Clumps of leaves in a tree's crown."""
 
 
@@ -64,10 +64,10 @@ def tree(at: FloatArray, rng: np.random.Generator) -> list[AssetPart]:
     green = Foliage(str(rng.choice(["#4e6336", "#465c34", "#5d6a38", "#4c6140"])))
     crown = at + [0.0, 0.0, height + 1.5]
     reach = np.array([1.55, 1.55, 1.7]) * rng.uniform(0.85, 1.15)
-    direction = rng.standard_normal((_CLUMPS, 3))
+    direction = rng.standard_normal((_CLUMPS_PER_CROWN, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    centers = direction * (rng.uniform(0.2, 1.0, (_CLUMPS, 1)) ** 0.5) * reach
-    radii = rng.uniform(0.13, 0.36, _CLUMPS)
+    centers = direction * (rng.uniform(0.2, 1.0, (_CLUMPS_PER_CROWN, 1)) ** 0.5) * reach
+    radii = rng.uniform(0.13, 0.36, _CLUMPS_PER_CROWN)
     parts = [
         stand(box((-0.6, -0.6, 0.0), (0.6, 0.6, 0.015)), Plain("#4a3b2c", 0.3), at, (0, 0, 0)),
         strut(bark, at, at + [0.0, 0.0, height], 0.15, 0.10),

@@ -18,7 +18,15 @@ from ..tracing.shapes import Cone, Convex, Ellipsoid, Spheres, TracedShape, Trac
 from ..tracing.trace import Asset, AssetPart
 from .cars import BodyPaint, CabinPaint, Style, WheelPaint
 from .facade import Facade
-from .road import GROUND_REACH_M, HALF_ROAD_M, HALF_STREET_M, KERB_M, PavementPaint, RoadPaint, RoadPlan
+from .road import (
+    GROUND_REACH_M,
+    HALF_ROAD_WIDTH_M,
+    HALF_STREET_WIDTH_M,
+    KERB_HEIGHT_M,
+    PavementPaint,
+    RoadPaint,
+    RoadPlan,
+)
 
 _TILE_M = 20.0
 _PAVEMENT_FAR_M = 70.0
@@ -41,10 +49,10 @@ def meshed_ground(plan: RoadPlan) -> Asset:
     the street sees, under the houses and beyond the street, is of one colour."""
     parts = []
     for x0, x1 in _tiles(plan.start_x, plan.crossing[0], plan.crossing[1], plan.end_x):
-        parts.append(_road(plan, x0, x1, (-HALF_ROAD_M, HALF_ROAD_M)))
+        parts.append(_road(plan, x0, x1, (-HALF_ROAD_WIDTH_M, HALF_ROAD_WIDTH_M)))
     reach, far = GROUND_REACH_M, _PAVEMENT_FAR_M
     for side in (-1.0, 1.0):
-        for near, beyond in ((HALF_ROAD_M, 20.0), (20.0, far)):
+        for near, beyond in ((HALF_ROAD_WIDTH_M, 20.0), (20.0, far)):
             parts.append(_road(plan, *plan.crossing, (side * near, side * beyond)))
         parts.append(_road(plan, plan.start_x, plan.end_x, (side * far, side * reach), speckled=True))
     for x0, x1 in ((-reach, plan.start_x), (plan.end_x, reach)):
@@ -52,13 +60,13 @@ def meshed_ground(plan: RoadPlan) -> Asset:
     for x0, x1 in ((plan.start_x, plan.crossing[0]), (plan.crossing[1], plan.end_x)):
         for side in (-1.0, 1.0):
             paint = PavementPaint((x0, x1), side)
-            y0, y1 = sorted((side * HALF_ROAD_M, side * far))
-            block = tessellated(box((x0, y0, -0.5), (x1, y1, KERB_M)))
+            y0, y1 = sorted((side * HALF_ROAD_WIDTH_M, side * far))
+            block = tessellated(box((x0, y0, -0.5), (x1, y1, KERB_HEIGHT_M)))
             parts.append(AssetPart(TracedTriangles(block.corners[np.abs(block.face_normals[:, 2]) < 0.5]), paint))
-            fronts = HALF_STREET_M + 1.0  # some houses stand back
+            fronts = HALF_STREET_WIDTH_M + 1.0  # some houses stand back
             for a, b in _tiles(x0, x1):
-                parts.append(AssetPart(_tile(a, b, (side * HALF_ROAD_M, side * fronts), KERB_M), paint))
-            parts.append(AssetPart(_tile(x0, x1, (side * fronts, side * far), KERB_M, speckled=True), paint))
+                parts.append(AssetPart(_tile(a, b, (side * HALF_ROAD_WIDTH_M, side * fronts), KERB_HEIGHT_M), paint))
+            parts.append(AssetPart(_tile(x0, x1, (side * fronts, side * far), KERB_HEIGHT_M, speckled=True), paint))
     return Asset("ground", tuple(parts))
 
 
@@ -85,7 +93,7 @@ def _tile(x0: float, x1: float, y: tuple[float, float], z: float, speckled: bool
     return TracedTriangles(quads(*corners), speckled=speckled)
 
 
-_ROUND = 28
+_SIDES_OF_ROUNDS = 28
 """Sides of what is round."""
 
 
@@ -107,7 +115,7 @@ def tessellated(shape: TracedShape) -> TracedTriangles:
     raise TypeError(f"{type(shape).__name__} has no triangles")
 
 
-def revolved(profile: FloatArray, sides: int = _ROUND) -> TracedTriangles:
+def revolved(profile: FloatArray, sides: int = _SIDES_OF_ROUNDS) -> TracedTriangles:
     """Return the surface of revolution of a profile (P, 2) of radii and heights about z, its outside to the profile's
     right; edges of it stay sharp."""
     turn = 2 * np.pi * np.arange(sides) / sides
@@ -176,7 +184,7 @@ def _recess(x0: float, x1: float, z0: float, z1: float, depth: float) -> list[Fl
     return [quads(*(p[corner] for corner in side)) for side in sides]
 
 
-_STEP_M = 0.045
+_STATION_SPACING_M = 0.045
 """Spacing of a body's stations."""
 _WHEEL_M = 0.22
 
@@ -196,7 +204,7 @@ def coachwork(hulls: Asset) -> Asset:
 def _body(s: Style) -> TracedTriangles:
     """Lower body: sections across the length, rounded in plan and profile, the wheels' wells pressed in."""
     half, c = s.length / 2, s.cabin
-    x = np.linspace(-half, half, round(s.length / _STEP_M))
+    x = np.linspace(-half, half, round(s.length / _STATION_SPACING_M))
     # stations crowd together where the ends turn round
     x = half * np.sign(x) * (1 - (1 - np.abs(x) / half) ** 1.15)
     low = 0.20 if s.height < 1.9 else 0.28
@@ -236,7 +244,7 @@ def _with_wells(points: FloatArray, s: Style) -> FloatArray:
         away = np.maximum(np.linalg.norm(off, axis=-1), 1e-9)
         reach = 1.14 * s.wheel_radius
         flank = np.abs(out[..., 1]) > 0.55 * s.half_width
-        edge = flank & (away >= reach) & (away < reach + 0.6 * _STEP_M)
+        edge = flank & (away >= reach) & (away < reach + 0.6 * _STATION_SPACING_M)
         moved = [axle, s.wheel_radius] + off * (reach / away)[..., None]
         out[..., 0] = np.where(edge, moved[..., 0], out[..., 0])
         out[..., 2] = np.where(edge, moved[..., 1], out[..., 2])
@@ -299,7 +307,7 @@ def _wheel(radius: float) -> TracedTriangles:
 
 _LEAVES_PER_M2 = 50.0
 """Leaves for each square metre of a clump's sphere."""
-_LONG_M, _WIDE_M = 0.17, 0.085
+_LEAF_LENGTH_M, _LEAF_WIDTH_M = 0.17, 0.085
 
 
 def leaves(clumps: Spheres) -> TracedTriangles:
@@ -316,7 +324,7 @@ def leaves(clumps: Spheres) -> TracedTriangles:
     rib = _unit(np.cross(face, rng.standard_normal((n, 3))))
     side = np.cross(face, rib)
     size = rng.uniform(0.7, 1.25, (n, 1))
-    long, wide = _LONG_M / 2 * size * rib, _WIDE_M / 2 * size * side
+    long, wide = _LEAF_LENGTH_M / 2 * size * rib, _LEAF_WIDTH_M / 2 * size * side
     lift = 0.012 * size * face
     base, tip, left, right = place - long, place + long, place + wide + lift, place - wide + lift
     return TracedTriangles(

@@ -30,12 +30,12 @@ from ..paint.materials import (
 from ..tracing.shapes import Sector, TracedShape, box
 from ..tracing.trace import Asset, AssetPart
 
-RADIUS_M = 40.0
+BEND_RADIUS_M = 40.0
 """Of every bend, at the middle line."""
-LEAD_M = 60.0
+MIN_STRAIGHT_M = 60.0
 """Before the first bend, between bends and after the last the drive is straight for as long at least."""
-MOST_DEG = 120.0
-APART_M = 150.0
+MAX_TURN_DEG = 120.0
+MIN_SELF_DISTANCE_M = 150.0
 """A street keeps as far from itself: houses, pavements and what a camera sees of them belong to one place of it."""
 
 
@@ -86,17 +86,17 @@ class Course:
 
     def __init__(self, turns_deg: Sequence[float] = (), travel_m: float = 0.0) -> None:
         self.turns_deg = tuple(turns_deg)
-        arcs = [abs(np.radians(turn)) * RADIUS_M for turn in self.turns_deg]
+        arcs = [abs(np.radians(turn)) * BEND_RADIUS_M for turn in self.turns_deg]
         gap = (travel_m - sum(arcs)) / (len(arcs) + 1)
-        if arcs and gap < LEAD_M:
-            need = sum(arcs) + (len(arcs) + 1) * LEAD_M
+        if arcs and gap < MIN_STRAIGHT_M:
+            need = sum(arcs) + (len(arcs) + 1) * MIN_STRAIGHT_M
             raise LogError(
                 f"a street with turns of {', '.join(f'{turn:g}' for turn in self.turns_deg)} degrees is for a drive of at least "
                 f"{need:.0f} m, not {travel_m:.0f} m: more frames, or a higher speed"
             )
         pieces = [Piece(0.0, gap, (0.0, 0.0), 0.0, 0.0)]
         for turn, arc in zip(self.turns_deg, arcs, strict=True):
-            pieces.append(_after(pieces[-1], arc, float(np.sign(turn)) / RADIUS_M))
+            pieces.append(_after(pieces[-1], arc, float(np.sign(turn)) / BEND_RADIUS_M))
             pieces.append(_after(pieces[-1], gap, 0.0))
         self.pieces = tuple(pieces)
         self._check_apart(travel_m)
@@ -154,14 +154,14 @@ class Course:
     def _check_apart(self, travel_m: float) -> None:
         if self.is_straight:
             return
-        s = np.arange(-LEAD_M, travel_m + 2 * LEAD_M, 5.0)
+        s = np.arange(-MIN_STRAIGHT_M, travel_m + 2 * MIN_STRAIGHT_M, 5.0)
         at = self._middle_line(s)[0]
-        near = np.linalg.norm(at[:, None] - at[None], axis=-1) < APART_M
+        near = np.linalg.norm(at[:, None] - at[None], axis=-1) < MIN_SELF_DISTANCE_M
         # beyond a bend of the sharpest the two legs part so slowly
-        if (near & (np.abs(s[:, None] - s[None]) > 2 * APART_M + np.pi * RADIUS_M)).any():
+        if (near & (np.abs(s[:, None] - s[None]) > 2 * MIN_SELF_DISTANCE_M + np.pi * BEND_RADIUS_M)).any():
             raise LogError(
                 f"a street with turns of {', '.join(f'{turn:g}' for turn in self.turns_deg)} degrees comes within "
-                f"{APART_M:.0f} m of itself"
+                f"{MIN_SELF_DISTANCE_M:.0f} m of itself"
             )
 
 
@@ -171,19 +171,19 @@ def _after(piece: Piece, length: float, curvature: float) -> Piece:
     return Piece(end, length, (float(at[0, 0]), float(at[0, 1])), float(heading[0]), curvature)
 
 
-STRAIGHT = Course()
+STRAIGHT_COURSE = Course()
 
 
-LANE_M = 3.5
-HALF_ROAD_M = 5.75
+LANE_WIDTH_M = 3.5
+HALF_ROAD_WIDTH_M = 5.75
 """Half the carriageway: a lane and a parking lane on each side."""
-HALF_STREET_M = 9.2
+HALF_STREET_WIDTH_M = 9.2
 """Where the fronts begin."""
-KERB_M = 0.13
+KERB_HEIGHT_M = 0.13
 GROUND_REACH_M = 1500.0
-_BEYOND_M = 300.0
+_GROUND_PAST_ENDS_M = 300.0
 """As far at least the ground goes on behind a street's ends."""
-_PAVEMENT_M = 70.0
+_PAVEMENT_REACH_M = 70.0
 
 
 @dataclass(frozen=True)
@@ -196,14 +196,14 @@ class RoadPlan:
     crossing: tuple[float, float]
     patches: tuple[tuple[float, float, float, float], ...]
     manholes: tuple[tuple[float, float], ...]
-    course: Course = STRAIGHT
+    course: Course = STRAIGHT_COURSE
 
     def height(self, points_xy: FloatArray) -> FloatArray:
         """The ground's height (N,) at x, y (N, 2) of the street's frame."""
         x, y = self.course.coordinates(points_xy)
         in_crossing = (x > self.crossing[0]) & (x < self.crossing[1])
         across = (x < self.start_x) | (x > self.end_x)
-        return np.where((np.abs(y) < HALF_ROAD_M) | in_crossing | across, 0.0, KERB_M)
+        return np.where((np.abs(y) < HALF_ROAD_WIDTH_M) | in_crossing | across, 0.0, KERB_HEIGHT_M)
 
     def asset(self) -> Asset:
         """The ground as parts: the carriageway's plane and four pavements."""
@@ -219,12 +219,12 @@ class RoadPlan:
     @property
     def reach_m(self) -> float:
         """How far the ground reaches from the street frame's origin, at least."""
-        ends = max(abs(self.start_x), abs(self.end_x)) + _BEYOND_M
+        ends = max(abs(self.start_x), abs(self.end_x)) + _GROUND_PAST_ENDS_M
         return GROUND_REACH_M if ends < GROUND_REACH_M else ends
 
     def _pavements(self, x0: float, x1: float, side: float) -> Iterator[tuple[TracedShape, FloatArray | None]]:
         """The pavement of a side between two places along the street, piece by piece of its course."""
-        y0, y1 = sorted((side * HALF_ROAD_M, side * _PAVEMENT_M))
+        y0, y1 = sorted((side * HALF_ROAD_WIDTH_M, side * _PAVEMENT_REACH_M))
         for number, piece in enumerate(self.course.pieces):
             begin = x0 if number == 0 else max(x0, piece.along)
             end = x1 if number == len(self.course.pieces) - 1 else min(x1, piece.along + piece.length)
@@ -232,15 +232,15 @@ class RoadPlan:
                 continue
             if not piece.curvature:
                 pose = None if self.course.is_straight else self.course.pose((begin + end) / 2)
-                yield box((begin, y0, -0.5), (end, y1, KERB_M), 0.02), pose
+                yield box((begin, y0, -0.5), (end, y1, KERB_HEIGHT_M), 0.02), pose
                 continue
             bend, radius = np.sign(piece.curvature), 1 / abs(piece.curvature)
-            near, far = (max(radius - bend * y, 0.0) for y in (side * HALF_ROAD_M, side * _PAVEMENT_M))
+            near, far = (max(radius - bend * y, 0.0) for y in (side * HALF_ROAD_WIDTH_M, side * _PAVEMENT_REACH_M))
             middle, heading = piece.pose(np.array([(begin + end) / 2]))
             centre = middle[0] + bend * radius * np.array([-np.sin(heading[0]), np.cos(heading[0])])
             # a sector lies about its x axis, which looks from the bend's centre to the middle line
             pose = make_pose(np.array([*centre, 0.0]), quaternion_from_yaw(float(heading[0]) - bend * np.pi / 2))
-            yield Sector(min(near, far), max(near, far), (end - begin) / radius / 2, -0.5, KERB_M), pose
+            yield Sector(min(near, far), max(near, far), (end - begin) / radius / 2, -0.5, KERB_HEIGHT_M), pose
 
 
 @dataclass(frozen=True)
@@ -259,17 +259,17 @@ class RoadPaint(Material):
         grain, blotch = noises()["grain"], noises()["blotch"]
         stain = blotch(x, y, spread)
         tone = 0.13 * grain(x, y, spread) + 0.10 * stain + 0.07 * blotch(0.25 * x, 2.5 * y, spread)
-        lane = np.abs(y) - LANE_M / 2
+        lane = np.abs(y) - LANE_WIDTH_M / 2
         track = np.exp(-(((np.abs(lane) - 0.78) / 0.26) ** 2))
         drip = np.exp(-((lane / 0.35) ** 2)) * (0.7 + 0.3 * stain)
-        tone = tone + 0.10 * track * (np.abs(y) < LANE_M) - 0.16 * drip * (np.abs(y) < LANE_M)
-        seam = cover(np.abs(np.abs(y) - LANE_M - 0.35 + 0.02 * stain) - 0.025, foot)
-        parked = cover(LANE_M - np.abs(y) + 0.35, foot)
+        tone = tone + 0.10 * track * (np.abs(y) < LANE_WIDTH_M) - 0.16 * drip * (np.abs(y) < LANE_WIDTH_M)
+        seam = cover(np.abs(np.abs(y) - LANE_WIDTH_M - 0.35 + 0.02 * stain) - 0.025, foot)
+        parked = cover(LANE_WIDTH_M - np.abs(y) + 0.35, foot)
         tone = tone - 0.06 * parked - 0.35 * seam
         for px, py, hx, hy in self.plan.patches:
             edge = rectangle(x - px, y - py, hx, hy)
             tone = tone - 0.22 * cover(edge, foot) - 0.3 * cover(np.abs(edge) - 0.03, foot)
-        gutter = cover(HALF_ROAD_M - 0.28 - np.abs(y), foot) * (np.abs(y) < HALF_ROAD_M + 0.01)
+        gutter = cover(HALF_ROAD_WIDTH_M - 0.28 - np.abs(y), foot) * (np.abs(y) < HALF_ROAD_WIDTH_M + 0.01)
         albedo = linear("#67666a") * np.clip(1 + tone, 0.25, 2.0)[:, None]
         albedo = mix(albedo, linear("#8b8880") * (1 + 0.15 * stain)[:, None], 0.8 * gutter)
         metal = np.zeros(len(x))
@@ -297,7 +297,7 @@ class RoadPaint(Material):
         dash = cover(np.abs((x / 6.0) % 1.0 - 0.5) * 6.0 - 1.5, foot)
         mark = cover(np.abs(y) - 0.07, foot) * dash * clear
         edge = (
-            cover(np.abs(np.abs(y) - LANE_M) - 0.05, foot)
+            cover(np.abs(np.abs(y) - LANE_WIDTH_M) - 0.05, foot)
             * cover(np.abs((x / 1.5) % 1.0 - 0.5) * 1.5 - 0.5, foot)
             * clear
         )
@@ -306,7 +306,7 @@ class RoadPaint(Material):
             bar = stripes(y + 0.5, 1.0, 0.5, foot) * (np.abs(y) < 5.0)
             mark = np.maximum(mark, cover(np.abs(x - middle) - 1.5, foot) * bar)
             own = (y < -0.2) if sense > 0 else (y > 0.2)
-            stop = cover(np.abs(x - middle + sense * 2.6) - 0.2, foot) * own * (np.abs(y) < LANE_M - 0.1)
+            stop = cover(np.abs(x - middle + sense * 2.6) - 0.2, foot) * own * (np.abs(y) < LANE_WIDTH_M - 0.1)
             mark = np.maximum(mark, stop)
         return np.asarray(mark)
 
@@ -317,7 +317,7 @@ class PavementPaint(Material):
 
     reach_x: tuple[float, float]
     side: float
-    course: Course = STRAIGHT
+    course: Course = STRAIGHT_COURSE
 
     @property
     def finish(self) -> Finish:
@@ -328,20 +328,20 @@ class PavementPaint(Material):
         y = np.abs(beside)
         foot, spread = p.footprint, p.spread
         grain, blotch = noises()["grain"], noises()["blotch"]
-        row = np.floor((y - HALF_ROAD_M) / 0.6).astype(np.int64)
+        row = np.floor((y - HALF_ROAD_WIDTH_M) / 0.6).astype(np.int64)
         shifted = x + 0.3 * (row % 2)
         slab = hashed(np.floor(shifted / 0.6).astype(np.int64), row, 11 + int(self.side))
-        joint = np.maximum(stripes(shifted, 0.6, 0.018, spread), stripes(y - HALF_ROAD_M, 0.6, 0.018, spread))
+        joint = np.maximum(stripes(shifted, 0.6, 0.018, spread), stripes(y - HALF_ROAD_WIDTH_M, 0.6, 0.018, spread))
         fade = np.clip(1.5 - spread / 0.3, 0, 1)
         stain = blotch(x + 3.0, y * self.side, spread)
         tone = 0.10 * stain + 0.05 * grain(x, y, spread) + 0.22 * (slab - 0.5) * fade - 0.4 * joint
         albedo = linear("#a29d94") * (1 + tone)[:, None]
-        wall = np.exp(-np.maximum(HALF_STREET_M - y, 0.0) / 0.3)
+        wall = np.exp(-np.maximum(HALF_STREET_WIDTH_M - y, 0.0) / 0.3)
         albedo = albedo * (1 - 0.35 * wall)[:, None]
-        inward = np.minimum(y - HALF_ROAD_M, np.minimum(x - self.reach_x[0], self.reach_x[1] - x))
+        inward = np.minimum(y - HALF_ROAD_WIDTH_M, np.minimum(x - self.reach_x[0], self.reach_x[1] - x))
         kerb = cover(inward - 0.16, foot)
         upright = np.abs(p.normal[:, 2]) < 0.5
-        along = np.where(y - HALF_ROAD_M < 0.17, x, beside)
+        along = np.where(y - HALF_ROAD_WIDTH_M < 0.17, x, beside)
         stone = hashed(np.floor(along).astype(np.int64), 5 + int(self.side))
         line = stripes(along, 1.0, 0.02, spread)
         granite = linear("#b3b0aa") * (1 + 0.07 * stain + 0.14 * (stone - 0.5) - 0.35 * line)[:, None]

@@ -33,10 +33,10 @@ from ..drawing.image_setup import SHUTTER_KEYS, DrawnModel, ImageSetup
 from ..paint.materials import Finish
 from .surfaces import add_daylight, image_of, material_of
 
-FINER = 3
+TABLE_ENTRIES_PER_PIXEL = 3
 """Entries of the table a pixel, along each side: odd, for the middle of a pixel to have one. At a focal length of f pixels a ray
 between n of them is off by about 1 / (8 n^2 f) pixels, so large images, of large f, do with one a pixel."""
-MOST_ENTRIES = 1 << 23
+MAX_TABLE_ENTRIES = 1 << 23
 _SHADER = """
 shader camera(string table = "{table}",
               output point position = 0.0,
@@ -63,7 +63,9 @@ def needs_table(model: CameraModel) -> bool:
 
 def set_table_camera(camera: bpy.types.Camera, model: CameraModel, folder: Path) -> None:
     """Make a camera one of the model's directions; table and shader are written to ``folder``. Raises `OutputError`."""
-    finer = FINER if model.height * model.width * FINER**2 <= MOST_ENTRIES else 1
+    finer = (
+        TABLE_ENTRIES_PER_PIXEL if model.height * model.width * TABLE_ENTRIES_PER_PIXEL**2 <= MAX_TABLE_ENTRIES else 1
+    )
     v, u = ((np.arange(count * finer) + 0.5) / finer for count in (model.height, model.width))
     rays = pixel_directions(model, u[None], v[:, None])
     rays = rays.swapaxes(0, 1) if is_transposed(model) else rays

@@ -88,10 +88,10 @@ def _grain(tree: Any, finish: Finish) -> Any:
 
 SUN_STRENGTH = 4.2
 SUN_COLOUR = (1.0, 0.93, 0.83)
-SKY_STRENGTH, SKY_SEEN = 0.115, 0.07
+SKY_STRENGTH, VISIBLE_SKY_STRENGTH = 0.115, 0.07
 """Of the light that it sheds, and of what a camera sees of it: an exposure that suits a street would
 lose its colour."""
-CLOUD_LIGHT, CLOUD_MOST = 9.0, 0.75
+CLOUD_LIGHT, MAX_CLOUD_COVER = 9.0, 0.75
 """A cloud's light, in the sky's own units, and how much of the sky behind it the thickest takes."""
 CLOUD_ROWS = 512
 
@@ -115,7 +115,7 @@ def add_daylight(scene: bpy.types.Scene) -> None:
     light = tree.nodes.new("ShaderNodeBackground")
     tree.links.new(_clouded(tree, sky.outputs["Color"]), light.inputs["Color"])
     seen = tree.nodes.new("ShaderNodeMapRange")
-    seen.inputs["To Min"].default_value, seen.inputs["To Max"].default_value = SKY_STRENGTH, SKY_SEEN
+    seen.inputs["To Min"].default_value, seen.inputs["To Max"].default_value = SKY_STRENGTH, VISIBLE_SKY_STRENGTH
     tree.links.new(tree.nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"], seen.inputs["Value"])
     tree.links.new(seen.outputs["Result"], light.inputs["Strength"])
     end = tree.nodes.new("ShaderNodeOutputWorld")
@@ -145,7 +145,7 @@ def _cloud_image() -> bpy.types.Image:
         indexing="ij",
     )
     directions = np.stack([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)], -1)
-    amount = (CLOUD_MOST * clouds(directions.reshape(-1, 3))).astype(np.float32)
+    amount = (MAX_CLOUD_COVER * clouds(directions.reshape(-1, 3))).astype(np.float32)
     image = bpy.data.images.new("clouds", width, height, float_buffer=True, is_data=True)
     image.pixels.foreach_set(np.column_stack([amount, amount, amount, np.ones_like(amount)]).reshape(-1))
     image.update()

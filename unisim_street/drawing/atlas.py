@@ -93,16 +93,16 @@ def _joined(models: list[AssetModel]) -> AssetModel:
     return replace(models[0], **{name: np.concatenate([getattr(m, name) for m in models]) for name in names})
 
 
-_PAGE = 4096
-_MOST = 2048
+_PAGE_TEXELS = 4096
+_MAX_CHART_TEXELS = 2048
 """Texels across a page, and at most across a chart."""
-_AT_ONCE = 400_000
-_SPECKLES = 40
+_POINTS_PER_CHUNK = 400_000
+_SPECKLE_COLOURS = 40
 _HIDDEN_TEXELS = 4
 """Texels across a chart that no camera faces: light bounces off it all the same."""
-_PROBE_M, _PROBES = 3.0, 6
+_PROBE_SPACING_M, _MAX_PROBES = 3.0, 6
 """Charts are looked at in places this far apart, so many at most along an axis."""
-_ASIDE = 3.0
+_UNSEEN_DISTANCE_FACTOR = 3.0
 """Factor on the distance of surfaces outside every view, by which they are drawn less finely: they are seen in mirrors,
 and between the places."""
 
@@ -226,7 +226,9 @@ def _chart(
     extent = np.maximum(np.array([along.max(), above.max()]) - low, 1e-4)
     depth = (corners @ normal).max()
     texel = _texel_m(part, corners, normal, cast, detail)
-    size = [int(np.clip(np.ceil(e / texel), 2, _MOST)) if np.isfinite(texel) else _HIDDEN_TEXELS for e in extent]
+    size = [
+        int(np.clip(np.ceil(e / texel), 2, _MAX_CHART_TEXELS)) if np.isfinite(texel) else _HIDDEN_TEXELS for e in extent
+    ]
     across = (np.stack([along, above], -1) - low) / extent
     origin = low[0] * right + low[1] * up + depth * normal
     return _Chart(number, faces, across, size[0], size[1], origin, right * extent[0], up * extent[1], normal, cast)
@@ -246,14 +248,15 @@ def _texel_m(part: AssetPart, corners: FloatArray, normal: FloatArray, cast: boo
         return np.inf
     low, high = points.min(0), points.max(0)
     steps = [
-        np.linspace(a, b, int(np.clip((b - a) / _PROBE_M, 0, _PROBES)) + 2) for a, b in zip(low, high, strict=True)
+        np.linspace(a, b, int(np.clip((b - a) / _PROBE_SPACING_M, 0, _MAX_PROBES)) + 2)
+        for a, b in zip(low, high, strict=True)
     ]
     probes = np.stack(np.meshgrid(*steps, indexing="ij"), -1).reshape(-1, 3)
     to = probes - eyes.places[facing][:, None]
     distance = np.linalg.norm(to, axis=-1)
     ahead = (to * eyes.axes[facing][:, None]).sum(-1) / np.maximum(distance, 1e-9)
     in_view = ahead > np.cos(eyes.half_angle[facing])[:, None]
-    nearest = np.where(in_view, distance, _ASIDE * distance).min()
+    nearest = np.where(in_view, distance, _UNSEEN_DISTANCE_FACTOR * distance).min()
     return detail.texel_rad * max(float(nearest), detail.near_m)
 
 
@@ -262,7 +265,7 @@ def _speckled(number: int, part: AssetPart, shape: TracedTriangles) -> Iterator[
     middle = shape.corners.astype(np.float64).mean(1)
     colour = _surface_texels(part, middle, shape.face_normals.astype(np.float64), np.full(len(middle), 0.02))[:, :3]
     order = np.argsort(colour.astype(int).sum(1), kind="stable")
-    bins = np.array_split(order, min(_SPECKLES, len(order)))
+    bins = np.array_split(order, min(_SPECKLE_COLOURS, len(order)))
     across = np.zeros((len(middle), 3, 2))
     for i, some in enumerate(bins):
         across[some] = [(i + 0.5) / len(bins), 0.5]
@@ -290,8 +293,8 @@ def _paint(part: AssetPart, chart: _Chart) -> NDArray[np.uint8]:
         wanted[y0:y1, x0:x1] = True
     rows, columns = np.nonzero(wanted)
     out = np.zeros((chart.height, chart.width, 4), np.uint8)
-    for start in range(0, len(rows), _AT_ONCE):
-        r, c = rows[start : start + _AT_ONCE], columns[start : start + _AT_ONCE]
+    for start in range(0, len(rows), _POINTS_PER_CHUNK):
+        r, c = rows[start : start + _POINTS_PER_CHUNK], columns[start : start + _POINTS_PER_CHUNK]
         # a chart's outermost texels lie on its edge, so that a face is never painted from beyond it
         u = (c / max(chart.width - 1, 1))[:, None]
         v = (r / max(chart.height - 1, 1))[:, None]
@@ -324,15 +327,15 @@ def _pack(charts: list[_Chart]) -> list[NDArray[np.uint8]]:
     heights: list[int] = []
     page, x, y, row = 0, 1, 1, 0
     for chart in sorted(charts, key=lambda c: (-c.height, -c.width)):
-        if x + chart.width + 1 > _PAGE:
+        if x + chart.width + 1 > _PAGE_TEXELS:
             x, y, row = 1, y + row + 1, 0
-        if y + chart.height + 1 > _PAGE:
+        if y + chart.height + 1 > _PAGE_TEXELS:
             heights.append(y)
             page, x, y, row = page + 1, 1, 1, 0
         chart.page, chart.x, chart.y = page, x, y
         x, row = x + chart.width + 1, max(row, chart.height)
     heights.append(y + row + 1)
-    return [np.zeros((height, _PAGE, 4), np.uint8) for height in heights]
+    return [np.zeros((height, _PAGE_TEXELS, 4), np.uint8) for height in heights]
 
 
 def _model(asset: Asset, charts: list[_Chart], pages: list[NDArray[np.uint8]]) -> AssetModel:
@@ -347,7 +350,7 @@ def _model(asset: Asset, charts: list[_Chart], pages: list[NDArray[np.uint8]]) -
             corners = transform_points(part.asset_from_part, corners.reshape(-1, 3)).reshape(corners.shape)
             normals = rotate_vectors(part.asset_from_part, normals.reshape(-1, 3)).reshape(normals.shape)
         place = chart.across * (np.array([chart.width, chart.height]) - 1) + 0.5 + [chart.x, chart.y]
-        uv = place / [_PAGE, pages[chart.page].shape[0]]
+        uv = place / [_PAGE_TEXELS, pages[chart.page].shape[0]]
         texels = pages[chart.page][chart.y : chart.y + chart.height, chart.x : chart.x + chart.width]
         surface = surfaces.setdefault((chart.page, part.material.finish, bool(texels[..., 3].any())), len(surfaces))
         columns.append((corners, normals, uv, np.full(len(uv), surface), np.full(len(uv), chart.part)))

@@ -25,7 +25,7 @@ from unisim_blender.core.sensors.camera import line_count, line_times
 from unisim_blender.core.sensors.silhouettes import view_half_angle
 from unisim_blender.core.world.drive import Camera, Drive
 
-from ..street import EGO_REACH_M, Street, recipe_document
+from ..street import FINE_PAINT_REACH_M, Street, recipe_document
 from ..tracing.trace import Asset, AssetPlacement
 from ..truth import make_world, resize
 from .atlas import AssetModel, Detail, Eyes, inside, outside, painted
@@ -35,8 +35,8 @@ SHUTTER_KEYS = 5
 _TEXEL_PIXELS, _GROUND_TEXEL_PIXELS = 2.0, 1.0
 """Pixels that a texel covers where a camera is nearest. Finer paint would be noise further off; the
 ground is seen aslant."""
-_NEAR_M, _ACTOR_NEAR_M = 5.0, 4.0
-_MARGIN_RAD = 0.15
+_GROUND_NEAR_M, _ACTOR_NEAR_M = 5.0, 4.0
+_VIEW_MARGIN_RAD = 0.15
 """Room beside a recorded view for one that is turned."""
 
 
@@ -108,7 +108,7 @@ class Workshop:
         texel_rad = pixels / max(camera.model.pixels_per_rad for camera in cameras)
         if asset not in (self.street.ground, self.street.static):
             return Detail(texel_rad, _ACTOR_NEAR_M)
-        return Detail(texel_rad, _NEAR_M, self._eyes())
+        return Detail(texel_rad, _GROUND_NEAR_M, self._eyes())
 
     def _eyes(self) -> Eyes:
         """The recorded views, and those beside and behind them that an edited drive may have."""
@@ -116,14 +116,14 @@ class Workshop:
         for camera in self.street.drive.cameras.values():
             poses = camera.world_from_camera.poses
             model = camera.model
-            for left in (-EGO_REACH_M, 0.0, EGO_REACH_M):
+            for left in (-FINE_PAINT_REACH_M, 0.0, FINE_PAINT_REACH_M):
                 places.append(poses[:, :3, 3] + self.street.drive.world_origin + [0.0, left, 0.0])
                 axes.append(poses[:, :3, 2])
                 if model.is_pinhole:
                     half = np.arctan(np.hypot(model.width / model.fx, model.height / model.fy) / 2)
                 else:
                     half = view_half_angle(model, 0.0)
-                angles.append(np.full(len(poses), half + _MARGIN_RAD))
+                angles.append(np.full(len(poses), half + _VIEW_MARGIN_RAD))
         return Eyes(*(np.concatenate(column) for column in (places, axes, angles)))
 
 
@@ -141,8 +141,8 @@ def shutter_times(camera: Camera, frame: int) -> FloatArray:
     return line_times(camera, camera.time_s[frame], np.linspace(0, line_count(camera.model), SHUTTER_KEYS) - 0.5)
 
 
-FOLDER = "truth"
-_DIGITS = 6
+TRUTH_FOLDER = "truth"
+_POSE_DECIMALS = 6
 """Decimals of metres and of rotation matrices by which poses differ."""
 
 
@@ -177,7 +177,7 @@ def true_image_path(folder: Path, street: Street, drive: Drive, camera_id: str, 
         "lies": sorted(lies, key=json.dumps),
     }
     digest = hashlib.sha256(json.dumps(shows, sort_keys=True).encode()).hexdigest()[:16]
-    return folder / FOLDER / camera_id / f"{frame:06d}-{digest}.png"
+    return folder / TRUTH_FOLDER / camera_id / f"{frame:06d}-{digest}.png"
 
 
 def lacks_images(
@@ -236,4 +236,4 @@ def _asset_name(street: Street, asset: Any) -> str:
 
 
 def _rounded(values: FloatArray) -> list[Any]:
-    return (np.round(np.asarray(values, np.float64), _DIGITS) + 0.0).tolist()
+    return (np.round(np.asarray(values, np.float64), _POSE_DECIMALS) + 0.0).tolist()

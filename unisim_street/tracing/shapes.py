@@ -275,7 +275,7 @@ class Spheres(Solid):
         return _unit(0.45 * self.normals(points) + 0.75 * _unit(points - (self.low + self.high) / 2))
 
 
-_BACK_M = 1e-3
+_RAY_START_OFFSET_M = 1e-3
 """How far before a surface point the ray starts that finds its triangle again."""
 
 
@@ -320,7 +320,7 @@ class TracedTriangles(TracedShape):
 
     def faced(self, points: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The normals of the side that the rays come from."""
-        hits = self._mesh.first_hits(points - _BACK_M * directions, directions, 0.0)
+        hits = self._mesh.first_hits(points - _RAY_START_OFFSET_M * directions, directions, 0.0)
         u, v = hits.uv[:, :1].astype(np.float64), hits.uv[:, 1:].astype(np.float64)
         hit = hits.face >= 0
         face = np.where(hit, hits.face, 0)

@@ -28,7 +28,7 @@ from ..paint.materials import Material
 from .shapes import TracedShape
 
 _CORNERS = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(8, 3).astype(bool)
-_PAD_M = 0.01
+_TURN_PADDING_M = 0.01
 """Room for a turning actor's corners, which leave the straight lines between sampled times a little."""
 
 
@@ -102,7 +102,7 @@ class AssetPlacement:
             inside = self.motion.times_s[(self.motion.times_s > start_s) & (self.motion.times_s < end_s)]
             poses = self.motion.at(np.unique(np.concatenate([inside, np.linspace(start_s, end_s, 9)])))
             corners = np.concatenate([corners @ pose[:3, :3].T + pose[:3, 3] for pose in poses], 1)
-        return corners.min(1) - _PAD_M, corners.max(1) + _PAD_M, keep
+        return corners.min(1) - _TURN_PADDING_M, corners.max(1) + _TURN_PADDING_M, keep
 
 
 @dataclass
@@ -251,10 +251,10 @@ def lit(
     return out
 
 
-TILE = 16
+TILE_PX = 16
 """Rays of an image are bundled by tiles of TILE x TILE; a bundle holds TILE ** 2 rays."""
 
-_MARGIN_M = 2e-3  # the frusta are compared in float32
+_FRUSTUM_MARGIN_M = 2e-3  # the frusta are compared in float32
 
 
 @dataclass(frozen=True)
@@ -293,7 +293,7 @@ def make_bundles(origins: FloatArray, directions: FloatArray, time_s: FloatArray
         slope = ((directions @ outward[:, :, None])[..., 0] / np.maximum(ahead, 0.2)).max(1)
         planes[:, i, :3] = outward - slope[:, None] * axis
     planes[:, 4, :3] = -axis
-    planes[..., 3] = np.einsum("bki,bpi->bkp", origins, planes[..., :3]).max(1) + _MARGIN_M
+    planes[..., 3] = np.einsum("bki,bpi->bkp", origins, planes[..., :3]).max(1) + _FRUSTUM_MARGIN_M
     planes[open_bundle] = [0.0, 0.0, 0.0, 1.0]
     return Bundles(origins, directions, time_s, planes.astype(np.float32))
 
@@ -312,19 +312,23 @@ def may_meet(planes: NDArray[np.float32], low: FloatArray, high: FloatArray) -> 
 def tile_image(values: FloatArray) -> FloatArray:
     """An image (H, W, ...) as tiles (B, TILE ** 2, ...), its edges repeated to whole tiles."""
     height, width = values.shape[:2]
-    rows = np.minimum(np.arange(-(-height // TILE) * TILE), height - 1)
-    columns = np.minimum(np.arange(-(-width // TILE) * TILE), width - 1)
+    rows = np.minimum(np.arange(-(-height // TILE_PX) * TILE_PX), height - 1)
+    columns = np.minimum(np.arange(-(-width // TILE_PX) * TILE_PX), width - 1)
     padded = values[rows][:, columns]
     tail = values.shape[2:]
-    split = padded.reshape(len(rows) // TILE, TILE, len(columns) // TILE, TILE, *tail)
-    return np.ascontiguousarray(split.swapaxes(1, 2)).reshape(-1, TILE * TILE, *tail)
+    split = padded.reshape(len(rows) // TILE_PX, TILE_PX, len(columns) // TILE_PX, TILE_PX, *tail)
+    return np.ascontiguousarray(split.swapaxes(1, 2)).reshape(-1, TILE_PX * TILE_PX, *tail)
 
 
 def untile_image(tiles: NDArray[Any], height: int, width: int) -> NDArray[Any]:
     """The image (H, W, ...) of `tile_image`'s tiles."""
-    rows, columns = -(-height // TILE), -(-width // TILE)
+    rows, columns = -(-height // TILE_PX), -(-width // TILE_PX)
     tail = tiles.shape[2:]
-    joined = tiles.reshape(rows, columns, TILE, TILE, *tail).swapaxes(1, 2).reshape(rows * TILE, columns * TILE, *tail)
+    joined = (
+        tiles.reshape(rows, columns, TILE_PX, TILE_PX, *tail)
+        .swapaxes(1, 2)
+        .reshape(rows * TILE_PX, columns * TILE_PX, *tail)
+    )
     return joined[:height, :width]
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from unisim_blender.core.batch.records import Store
 from unisim_blender.core.batch.run import Failure
-from unisim_blender.core.batch.status import NEWEST, batch_status, clock_text, seconds_left
+from unisim_blender.core.batch.status import PACE_UNITS, batch_status, clock_text, seconds_left
 from unisim_blender.core.cli.commands._batch_progress import MOST_WORKERS, BatchProgress
 from unisim_blender.core.executors.executor import Doing, WorkerState
 
@@ -26,7 +26,7 @@ def test_the_time_left_follows_the_newest_units() -> None:
     assert seconds_left([0.0, 2.0, 4.0], 3, 60.0) == 4.0, (
         "a unit that takes long is not foreseen to end before it is begun"
     )
-    slow_first = [0.0, *(1000.0 + i for i in range(NEWEST))]
+    slow_first = [0.0, *(1000.0 + i for i in range(PACE_UNITS))]
     assert seconds_left(slow_first, 10, slow_first[-1]) == pytest.approx(10.0)
 
 

@@ -33,7 +33,7 @@ def test_many_steps_are_few_lines(monkeypatch: pytest.MonkeyPatch) -> None:
             bar.update()
             bar.set_postfix_str(f"step {step}")
     lines = file.getvalue().splitlines()
-    assert 3 <= len(lines) <= 100 / progress.EVERY_S + 1, lines
+    assert 3 <= len(lines) <= 100 / progress.LINE_INTERVAL_S + 1, lines
     assert lines[-1].startswith("100.0%") and "step 999" in lines[-1]
     assert "\r" not in file.getvalue() and "|" not in file.getvalue()
 

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from small_log import small_drive, write_small_log
 
 from unisim_blender.core.cli.main import run, unisim
-from unisim_blender.core.convert import STATE, convert, open_source, unfinished_folder
+from unisim_blender.core.convert import STATE_NAME, convert, open_source, unfinished_folder
 from unisim_blender.core.errors import OutputError, UnisimError, what_is_missing
 from unisim_blender.core.formats.common.writer import WRITERS, register
 from unisim_blender.core.formats.kitti.write.recording import KittiLogWriter
@@ -69,7 +69,7 @@ def test_an_interrupted_conversion_goes_on_and_gives_the_same_bytes(layout: str,
     assert sum(kept) >= (0 if layout == "ncore" else 3)
     assert not unfinished_folder(out).exists() and sorted(os.listdir(tmp_path)) == ["out", "whole"]
     assert files(out) == files(tmp_path / "whole")
-    state = json.loads((out / STATE).read_text())
+    state = json.loads((out / STATE_NAME).read_text())
     assert state["to"] == layout and not any(str(log.parent) in str(value) for value in state.values())
 
 
@@ -89,8 +89,8 @@ def test_a_finished_conversion_is_left_as_it_is(log: Path, tmp_path: Path) -> No
     again = CliRunner().invoke(unisim, arguments)
     assert again.exit_code == 0 and "Nothing to do" in again.output
     assert before == {path: path.stat().st_mtime_ns for path in out.rglob("*")}
-    state = json.loads((out / STATE).read_text())
-    (out / STATE).write_text(json.dumps({**state, "losses": 3}))
+    state = json.loads((out / STATE_NAME).read_text())
+    (out / STATE_NAME).write_text(json.dumps({**state, "losses": 3}))
     broken = CliRunner().invoke(unisim, arguments)
     assert broken.exit_code != 0 and isinstance(broken.exception, OutputError)
     assert str(broken.exception).endswith("conversion.json: losses: must be an array, not 3")

@@ -39,7 +39,7 @@ from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.training.trainer import Trainer
 from unisim_street.street import RECIPE_FILE, build_street
 from unisim_street.street_truth import KnownStreets
-from unisim_street.usual_edits import FOLDER, write_scenarios
+from unisim_street.usual_edits import SCENARIOS_FOLDER, write_scenarios
 from unisim_street.write import write_log
 
 TINY = Method("ours, tiny", preset="tiny")
@@ -57,7 +57,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def command(log: Path, out: Path, *more: str) -> list[str]:
     """A comparison that takes seconds."""
-    scenario = str(log / FOLDER / "removal.json")
+    scenario = str(log / SCENARIOS_FOLDER / "removal.json")
     sizes = ["--iterations", "2", "--width", "64", "--truth-frames", "1", "--scenario", scenario, "--quiet"]
     return ["compare", str(log), "--out", str(out), *sizes, *more]
 
@@ -124,7 +124,7 @@ def test_a_log_whose_truth_nobody_knows_is_compared_with_what_was_recorded(
 ) -> None:
     monkeypatch.setattr(methods, "METHODS", {**METHODS, "unisim": TINY})
     real, out = tmp_path / "real", tmp_path / "out"
-    shutil.copytree(log, real, ignore=shutil.ignore_patterns(RECIPE_FILE, FOLDER))
+    shutil.copytree(log, real, ignore=shutil.ignore_patterns(RECIPE_FILE, SCENARIOS_FOLDER))
     assert (
         run(
             [
@@ -197,7 +197,7 @@ def test_another_budget_density_or_loss_is_another_training(log: Path, tmp_path:
 
 
 def test_the_truth_is_kept_and_a_broken_file_is_made_again(log: Path, tmp_path: Path) -> None:
-    scenario = log / FOLDER / "removal.json"
+    scenario = log / SCENARIOS_FOLDER / "removal.json"
     true = KnownStreets.open(log).truth(prepare_scenario(scenario, refined=False), (0, 2), (CAMERA,), 64)
     cached = CachedTruth(true, tmp_path)
     first = cached.images(CAMERA, 1)
@@ -226,7 +226,10 @@ def test_cases_are_held_out_frames_and_edits(log: Path, tmp_path: Path) -> None:
         cases_of(recorded, street, tmp_path, CompareOptions(cameras=(CAMERA,), frames=":"))
     with pytest.raises(UnisimError, match="has no known ground truth"):
         cases_of(
-            recorded, None, tmp_path, CompareOptions(cameras=(CAMERA,), scenarios=(log / FOLDER / "removal.json",))
+            recorded,
+            None,
+            tmp_path,
+            CompareOptions(cameras=(CAMERA,), scenarios=(log / SCENARIOS_FOLDER / "removal.json",)),
         )
     (case,) = cases_of(recorded, None, tmp_path, CompareOptions(cameras=(CAMERA,)))
     assert case.name == "replay"
@@ -289,7 +292,7 @@ def test_inception_is_a_file_of_the_users(tmp_path: Path) -> None:
 
 
 def test_eval_takes_a_scene_for_scenarios_that_name_none(log: Path, tmp_path: Path) -> None:
-    scenario = str(log / FOLDER / "removal.json")
+    scenario = str(log / SCENARIOS_FOLDER / "removal.json")
     make_tiny_scene(log, tmp_path / "scene")
     asked = ["eval", "--truth", str(log), scenario, "--frames", "1", "--out", str(tmp_path / "out")]
     found = CliRunner().invoke(unisim, asked)

@@ -14,7 +14,7 @@ from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.executors import EXECUTORS, RayCluster, executor_at, usual_executor
 from unisim_blender.core.executors.dispatch import SceneQueue
 from unisim_blender.core.executors.executor import (
-    MOST_LOSSES,
+    MAX_LOSSES,
     ProcessLost,
     WorkerState,
     attempt,
@@ -104,8 +104,8 @@ def test_every_unit_has_one_outcome(name: str, tmp_path: Path) -> None:
 def test_a_unit_that_ends_its_processes_fails_alone(tmp_path: Path) -> None:
     outcomes = {one.index: one for one in EXECUTORS["processes"].run(Squares(tmp_path, ends_at=0), range(2), 1)}
     assert outcomes[1].result == 1
-    assert f"ended from outside {MOST_LOSSES} times" in sentence(outcomes[0].error or ValueError())
-    assert len(list(tmp_path.glob("ended-*"))) == MOST_LOSSES
+    assert f"ended from outside {MAX_LOSSES} times" in sentence(outcomes[0].error or ValueError())
+    assert len(list(tmp_path.glob("ended-*"))) == MAX_LOSSES
 
 
 @pytest.mark.parametrize("name", HERE)
@@ -126,7 +126,7 @@ def test_processes_that_never_start_are_told(tmp_path: Path) -> None:
     squares = Squares(tmp_path, ends_at=-1)
     with pytest.raises(ProcessLost, match="as they started"):
         list(EXECUTORS["processes"].run(squares, range(5), 1))
-    assert len(squares.made()) == MOST_LOSSES
+    assert len(squares.made()) == MAX_LOSSES
 
 
 def test_every_error_can_be_sent() -> None:

@@ -19,7 +19,7 @@ from unisim_blender.core import native
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.executors import EXECUTORS, RayCluster
-from unisim_blender.core.executors.executor import MOST_LOSSES
+from unisim_blender.core.executors.executor import MAX_LOSSES
 
 pytest.importorskip("ray")
 pytestmark = pytest.mark.slow  # a Ray starts in five seconds where nothing else runs
@@ -43,7 +43,7 @@ def test_units_of_lost_workers_are_run_again(tmp_path: Path, monkeypatch: pytest
     assert {index: result[:2] for index, result in halved.items()} == {0: (0, "1"), 2: (1, "1"), 4: (2, "1")}
     assert len({pid for *_, pid in halved.values()} - {os.getpid()}) >= 1
     assert {str(outcomes[index].error) for index in (1, 3, 5, 7)} == {f"{index} is odd" for index in (1, 3, 5, 7)}
-    assert f"ended from outside {MOST_LOSSES} times" in str(outcomes[6].error)
+    assert f"ended from outside {MAX_LOSSES} times" in str(outcomes[6].error)
     assert not children(), "what was started is ended"
     assert "RAY_AUTH_TOKEN" not in os.environ
 

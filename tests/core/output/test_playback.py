@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from unisim_blender.core.output.video import FASTEST_HZ, playback
+from unisim_blender.core.output.video import MAX_RATE_HZ, playback
 
 
 def test_evenly_spaced_times_are_played_at_their_rate() -> None:
@@ -30,4 +30,4 @@ def test_few_times() -> None:
 
 
 def test_times_a_microsecond_apart_make_no_long_film() -> None:
-    assert playback([0.0, 1e-6, 0.1]) == (FASTEST_HZ, [0, 24, 1])
+    assert playback([0.0, 1e-6, 0.1]) == (MAX_RATE_HZ, [0, 24, 1])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -141,7 +142,7 @@ class Counting:
         self.backend, self.quality, self.parked = backend, backend.quality, backend.parked
         self.bound = 0
 
-    def bind(self, state: WorldState) -> Tracer:
+    def bind(self, state: WorldState) -> Tracer[Any]:
         self.bound += 1
         return self.backend.bind(state)
 

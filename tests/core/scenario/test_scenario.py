@@ -14,7 +14,7 @@ import pytest
 
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
-from unisim_blender.core.scenario.checks import MOST_MEMBERS, MOST_VALUES
+from unisim_blender.core.scenario.checks import MAX_MEMBERS, MAX_VALUES
 from unisim_blender.core.scenario.edit import EDITS as REGISTERED
 from unisim_blender.core.scenario.schema import scenario_schema
 
@@ -337,7 +337,7 @@ def test_the_pages_examples_are_valid_and_show_every_edit() -> None:
 @pytest.mark.parametrize("name", ("edits", "frames", "trajectory", "cameras"))
 def test_more_than_is_read_is_refused_soon(name: str) -> None:
     document = copy.deepcopy(EVERYTHING)
-    count = MOST_MEMBERS[name] + 1
+    count = MAX_MEMBERS[name] + 1
     if name == "edits":
         document["edits"] = [{"type": "remove", "actor": "car"}] * count
     elif name == "frames":
@@ -354,19 +354,19 @@ def test_more_than_is_read_is_refused_soon(name: str) -> None:
 
 
 def test_many_long_lists_are_refused_soon() -> None:
-    keys = [{"time_s": i / 20000, "position": [0, 0, 0]} for i in range(MOST_MEMBERS["trajectory"])]
+    keys = [{"time_s": i / 20000, "position": [0, 0, 0]} for i in range(MAX_MEMBERS["trajectory"])]
     document = copy.deepcopy(EVERYTHING)
     document["edits"] = [{"type": "move", "actor": "car", "trajectory": keys}] * 30
     begun = time.process_time()
-    with pytest.raises(ScenarioError, match=f"holds more than {MOST_VALUES} values"):
+    with pytest.raises(ScenarioError, match=f"holds more than {MAX_VALUES} values"):
         scenario_from_json(document)
     assert time.process_time() - begun < 10
 
 
 def test_as_much_as_is_read_is_read() -> None:
     document = copy.deepcopy(EVERYTHING)
-    document["edits"] = [{"type": "remove", "actor": "car"}] * MOST_MEMBERS["edits"]
-    assert len(scenario_from_json(document).edits) == MOST_MEMBERS["edits"]
+    document["edits"] = [{"type": "remove", "actor": "car"}] * MAX_MEMBERS["edits"]
+    assert len(scenario_from_json(document).edits) == MAX_MEMBERS["edits"]
 
 
 @pytest.mark.parametrize("text", ("\\ud800", "a\\u0000b"))

@@ -22,7 +22,7 @@ from unisim_blender.core.formats.mcap.write import MCAP
 from unisim_blender.core.formats.pandaset.read import ROAD, PandasetLog
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario import load_scenario
-from unisim_blender.core.scenario.simulation import OTHERS, RateSpec, SimulationSpec
+from unisim_blender.core.scenario.simulation import OTHER_ACTORS, RateSpec, SimulationSpec
 from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.drivers.driver import CheckedDriver, DriverSetup, EgoMotion, Observation
 from unisim_blender.core.simulation.edits import edits_of
@@ -381,7 +381,7 @@ def test_on_after_the_recording(log: Path, tmp_path: Path, actors: str) -> None:
 
 
 def test_the_drive_of_a_world_is_that_of_its_edits(log: Path, tmp_path: Path) -> None:
-    asked = SimulationSpec(actors={OTHERS: {"type": "auto"}})
+    asked = SimulationSpec(actors={OTHER_ACTORS: {"type": "auto"}})
     simulation = open_scenario(log, RenderOptions(renderer="surfel")).simulation(
         asked, driver_named("constant"), tmp_path
     )

@@ -23,14 +23,14 @@ from unisim_blender.core.model.tracklets import Tracklets
 from unisim_blender.core.ops.ray_segments import RayBatch
 from unisim_blender.core.ops.segment_trace import SegmentTrace
 from unisim_blender.core.render.quality import QUALITIES, quality_named
-from unisim_blender.core.render.tracer import TraceResult, active_actors
+from unisim_blender.core.render.tracer import Tracer, TraceResult, active_actors
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
-from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend, CompiledTracer
+from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.render.tracers.torch.actor_tensors import ActiveActorTensors, active_actor_tensors
 from unisim_blender.core.render.tracers.torch.ray_passes import median_depth
 from unisim_blender.core.render.tracers.torch.segments import Sampling
 from unisim_blender.core.render.tracers.torch.trace import trace
-from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
+from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.world.drive import Actor, Drive
@@ -80,7 +80,7 @@ def truth(
         return traced, median_depth(traced).numpy()
 
 
-Tracers = dict[str, CompiledTracer | TorchTracer]
+Tracers = dict[str, Tracer[Any]]
 
 
 def tracers(folder: Path, drive: Drive, quality: str = "balanced") -> Tracers:
@@ -94,13 +94,13 @@ def tracers(folder: Path, drive: Drive, quality: str = "balanced") -> Tracers:
     return out
 
 
-def arrays_of(found: TraceResult) -> dict[str, NDArray[Any]]:
+def arrays_of(found: TraceResult[Any]) -> dict[str, NDArray[Any]]:
     """All that was found, in numpy."""
     named = {"feature": found.feature, "depth_m": found.depth_m, "opacity": found.opacity, **found.maps}
     return {name: np.asarray(values) for name, values in named.items()}
 
 
-def not_finite(found: TraceResult) -> float:
+def not_finite(found: TraceResult[Any]) -> float:
     """How many numbers are not finite; the depth pass is infinite where nothing solid is."""
     arrays = arrays_of(found)
     if "depth" in arrays:

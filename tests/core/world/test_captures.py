@@ -10,7 +10,7 @@ import pytest
 from tiny_drive import tiny_drive
 
 from unisim_blender.core.world.captures import (
-    MOST_US,
+    MAX_TIME_US,
     Capture,
     Moment,
     frame_name,
@@ -28,7 +28,7 @@ DRIVE = tiny_drive()
 
 def test_names_sort_by_time_after_those_of_frames_and_read_back() -> None:
     rng = np.random.default_rng(0)
-    times = sorted({*rng.integers(-(10**9), 10**9, 500).tolist(), -MOST_US + 1, -1, 0, 1, MOST_US - 1})
+    times = sorted({*rng.integers(-(10**9), 10**9, 500).tolist(), -MAX_TIME_US + 1, -1, 0, 1, MAX_TIME_US - 1})
     names = [time_name(time) for time in times]
     assert names == sorted(names) and len(set(names)) == len(times)
     assert [time_of_name(name) for name in names] == times

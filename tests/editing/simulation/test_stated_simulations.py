@@ -15,7 +15,7 @@ from unisim_blender.core.scenario.times import recording_us
 from unisim_blender.core.scenario.types import FrameRange, Outputs, Scenario
 from unisim_blender.core.simulation.actors.model import MODELS
 from unisim_blender.core.simulation.drivers import DRIVERS
-from unisim_blender.core.world.captures import SECOND_US
+from unisim_blender.core.world.captures import US_PER_SECOND
 from unisim_blender.editing.sampled.source import DriveSource
 from unisim_blender.editing.simulation import stated
 from unisim_blender.editing.simulation.menus import OWN, driver_items, is_function
@@ -122,12 +122,12 @@ def test_a_simulation_has_no_frames_and_all_passes() -> None:
 
 def test_steps_are_counted(source: DriveSource) -> None:
     first_us, last_us = recording_us(source.drive)
-    span_s = (last_us - first_us) / SECOND_US
+    span_s = (last_us - first_us) / US_PER_SECOND
     scenario = Scenario(name="a", log="log")
     assert stated.count_steps(scenario, source.drive) == math.ceil(round(span_s / stated.STEP_S, 6))
     for spec, steps in (
         (SimulationSpec(duration_s=1.0, step_s=0.25), 4),
         (SimulationSpec(duration_s=1.1, step_s=0.25), 5),
-        (SimulationSpec(start_s=last_us / SECOND_US), 1),
+        (SimulationSpec(start_s=last_us / US_PER_SECOND), 1),
     ):
         assert stated.count_steps(replace(scenario, simulation=spec), source.drive) == steps

@@ -14,7 +14,7 @@ from mathutils import Matrix
 from ...core.geometry import invert_pose
 from ...core.meshes.read import read_mesh
 from ...core.scenario.edits import CopyStatic, RemoveStatic
-from ...core.scenario.edits.ego_body import LABEL, EgoBody
+from ...core.scenario.edits.ego_body import DEFAULT_LABEL, EgoBody
 from ...core.scenario.motion.placement import pose_of
 from ...core.scenario.sensors.document import CameraSpec, LidarSpec
 from ...core.scenario.types import FrameRange, Scenario
@@ -104,9 +104,9 @@ def apply_bodies(target: Target) -> None:
     """Make the bodies and mount them."""
     for edit in target.scenario.edits:
         if isinstance(edit, EgoBody):
-            obj = object_of(edit.id, read_mesh(target.scenario.resolve(edit.mesh)), edit.label or LABEL)
+            obj = object_of(edit.id, read_mesh(target.scenario.resolve(edit.mesh)), edit.label or DEFAULT_LABEL)
             collection_of(target.scene, "BODY").objects.link(obj)
-            mount_body(obj, target.ego, pose_of(edit.mount), edit.label or LABEL)
+            mount_body(obj, target.ego, pose_of(edit.mount), edit.label or DEFAULT_LABEL)
 
 
 def apply_ego(target: Target) -> None:

@@ -10,7 +10,7 @@ import bpy
 
 from ...core.errors import UnisimError
 from ...editing.edits.variants import checked_name
-from ..objects.imported import copy_action, has_drive, title_of
+from ..objects.imported import BOX_PREFIX, copy_action, has_drive, title_of
 from ..objects.trajectories import trajectory_of
 from ..sampling.adjacent_frames import BESIDE_SCENE
 from ..sampling.edit_list import renamed
@@ -18,8 +18,6 @@ from .carriers.own_object import discard, parked_copy
 
 COPY_TAG = "unisim_copied_from"
 """A custom property that is there while a scene is copied: the number of what is copied."""
-BOX = "UniSim box "
-"""Prefix of the names of boxes' meshes, which all variants share."""
 
 
 def variants_of(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
@@ -119,7 +117,7 @@ def _own_data(objects: dict[bpy.types.Object, bpy.types.Object]) -> None:
                 copy_action(old, new)
         if old.data is None:
             continue
-        if old.type == "MESH" and old.data.name.startswith(BOX):
+        if old.type == "MESH" and old.data.name.startswith(BOX_PREFIX):
             if new.data != old.data:
                 doubled.add(new.data)
                 new.data = old.data

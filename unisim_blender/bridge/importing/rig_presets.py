@@ -10,7 +10,7 @@ from mathutils import Matrix
 
 from ...core.errors import ScenarioError
 from ...core.geometry import FloatArray, invert_pose
-from ...core.rigs import SUFFIX, Rig, RigCamera, RigLidar, built_in_rigs
+from ...core.rigs import SUFFIX, Rig, RigCamera, RigLidar
 from ...core.world.drive import Drive
 from ...editing import texts
 from ...editing.layout.shapes import DISPLAY_M
@@ -37,11 +37,6 @@ def own_presets() -> list[Path]:
     """Presets in all of Blender's presets folders, those of shared script directories too, by name."""
     presets = [path for folder in bpy.utils.preset_paths(FOLDER) for path in Path(folder).glob(f"*{SUFFIX}")]
     return sorted(presets, key=lambda path: path.stem.lower())
-
-
-def built_in_presets() -> list[Path]:
-    """Presets that come with the extension, by name."""
-    return built_in_rigs()
 
 
 def preset_file(name: str) -> Path:

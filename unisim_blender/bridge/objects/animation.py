@@ -37,8 +37,9 @@ def fcurves_of(obj: bpy.types.Object, name: str) -> bpy.types.bpy_prop_collectio
 def add_keys(
     curves: bpy.types.bpy_prop_collection, path: str, frames: FloatArray, values: FloatArray, interpolation: int
 ) -> None:
-    """Keys of one property at frames (K,): values (K, C), a curve for each of its members; (K,) for a
-    property of one."""
+    """Add keys of one property at frames (K,): values (K, C), a curve for each of its members; (K,) for a property of
+    one."""
+    assert len(values) == len(frames), f"values of shape {values.shape} at {len(frames)} frames"
     for index, column in enumerate(np.atleast_2d(values.T)):
         curve = curves.new(path, index=index)
         curve.keyframe_points.add(len(frames))

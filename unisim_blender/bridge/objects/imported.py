@@ -26,6 +26,8 @@ ROOT_COLLECTION = "UniSim"
 KINDS_OF_DRIVE = ("EGO", "CAMERA", "LIDAR", "ACTOR", "STATIC", "BODY")
 """Kinds of objects that a scenario is read from."""
 STATIC_LABEL = "Static item"
+BOX_PREFIX = "UniSim box "
+"""Prefix of the names of boxes' meshes, which all variants share."""
 
 
 def imported_objects(scene: bpy.types.Scene, *kinds: str) -> Iterator[bpy.types.Object]:
@@ -149,7 +151,7 @@ def new_actor(name: str, actor: Actor) -> bpy.types.Object:
 def box_mesh(size_m: FloatArray, label: str) -> bpy.types.Mesh:
     """A box of that size (3,) about the origin, with an arrow on its roof that points forward; one mesh for all
     alike."""
-    name = "UniSim box " + " ".join(f"{s:.3f}" for s in size_m) + f" {label}"
+    name = BOX_PREFIX + " ".join(f"{s:.3f}" for s in size_m) + f" {label}"
     existing = bpy.data.meshes.get(name)
     if existing is not None:
         return existing

@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 
 from ...core.errors import UnisimError
-from ...core.scenario.simulation import OTHERS, SimulationSpec
+from ...core.scenario.simulation import OTHER_ACTORS, SimulationSpec
 from ...core.scenario.types import Scenario
 from ...core.world.captures import CaptureKey
 from ...core.world.drive import Drive
@@ -56,7 +56,7 @@ def output_sensors(scene: bpy.types.Scene, selected: list[bpy.types.Object], dri
 
 def models_of(scene: bpy.types.Scene) -> dict[str, str]:
     """Return the models of a scene's actors as texts, by the ids that a scenario has for them, and that of all others."""
-    models = {OTHERS: scene.unisim_simulation.others.document}
+    models = {OTHER_ACTORS: scene.unisim_simulation.others.document}
     return models | {uid: obj.unisim_model.document for uid, obj in by_scenario_id(scene) if obj.unisim_model.document}
 
 
@@ -84,7 +84,7 @@ def apply_simulation(scene: bpy.types.Scene, spec: SimulationSpec | None) -> Non
     """Let a scene be simulated as a scenario states it. Models of actors that are not there stay as
     they are stated."""
     about, texts = scene.unisim_simulation, actors_texts(spec)
-    about.others.document = texts.pop(OTHERS, "")
+    about.others.document = texts.pop(OTHER_ACTORS, "")
     for uid, obj in by_scenario_id(scene):
         obj.unisim_model.document = texts.pop(uid, "")
     remaining = None if spec is None else replace(spec, actors={uid: (spec.actors or {})[uid] for uid in texts} or None)

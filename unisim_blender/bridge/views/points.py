@@ -24,6 +24,7 @@ def put_points(
 ) -> bpy.types.Object:
     """Show points (N, 3) of the world, with attributes (N,), in place of those that were shown of
     that LiDAR and kind."""
+    assert points.ndim == 2 and points.shape[1] == 3, f"points of shape {points.shape}"
     uid = f"{lidar} {kind}"
     obj = next((t for t in imported_objects(scene, "POINTS") if t.unisim.uid == uid), None)
     if obj is None:

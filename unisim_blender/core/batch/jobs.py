@@ -192,7 +192,7 @@ def _free(name: str, taken: Collection[str]) -> str:
 SWEEP_FORMAT = "unisim-sweep"
 CHOICES = ("values", "range")
 DRAWN = ("uniform", "integers")
-MOST_VARIANTS = 100_000
+MAX_VARIANTS = 100_000
 
 _POINTER = {"type": "string", "pattern": "^(/.*)+$"}
 _PARAMETER = {
@@ -205,7 +205,7 @@ _PARAMETER = {
             "properties": {
                 "start": {"type": "number"},
                 "stop": {"type": "number"},
-                "count": {"type": "integer", "minimum": 1, "maximum": MOST_VARIANTS},
+                "count": {"type": "integer", "minimum": 1, "maximum": MAX_VARIANTS},
             },
             "required": ["start", "stop", "count"],
             "additionalProperties": False,
@@ -230,7 +230,7 @@ SWEEP_SCHEMA: dict[str, Any] = {
             "type": "object",
             "properties": {
                 "method": {"enum": ["grid", "random", "latin-hypercube"]},
-                "count": {"type": "integer", "minimum": 1, "maximum": MOST_VARIANTS},
+                "count": {"type": "integer", "minimum": 1, "maximum": MAX_VARIANTS},
                 "seed": {"type": "integer", "minimum": 0},
             },
             "required": ["method"],
@@ -296,8 +296,8 @@ def _rows(document: dict[str, Any], path: Path) -> list[Sequence[Any]]:
             raise ScenarioError(f"{path}: parameters.{name}.{kinds[0]}: a grid has no draws; give values or a range")
     if method == "grid":
         choices = [_choices(parameter) for parameter in parameters.values()]
-        if int(np.prod([len(some) for some in choices], dtype=float)) > MOST_VARIANTS:
-            raise ScenarioError(f"{path}: parameters: make more than {MOST_VARIANTS} variants")
+        if int(np.prod([len(some) for some in choices], dtype=float)) > MAX_VARIANTS:
+            raise ScenarioError(f"{path}: parameters: make more than {MAX_VARIANTS} variants")
         return list(itertools.product(*choices))
     if "count" not in sampling:
         raise ScenarioError(f"{path}: sampling.count: is missing; the method {method} needs it")

@@ -116,7 +116,7 @@ class Shard:
 
 
 PLAN_NAME = "batch.json"
-MOMENTS = 10
+MOMENTS_PER_UNIT = 10
 """Moments of a unit."""
 
 
@@ -175,7 +175,7 @@ class BatchPlan:
 def plan_batch(
     jobs: Sequence[BatchJob],
     options: RenderOptions,
-    moments: int = MOMENTS,
+    moments: int = MOMENTS_PER_UNIT,
     formats: Collection[str] = (),
     on_job: Callable[[BatchJob], object] = lambda job: None,
 ) -> BatchPlan:

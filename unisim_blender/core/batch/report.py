@@ -42,7 +42,7 @@ SCORES = {
 }
 """Columns of scores, and where a rollout's scores have them."""
 FINISHED, FAILED, UNFINISHED = "finished", "failed", "unfinished"
-SHOWN = 3
+MAX_IMAGES_SHOWN = 3
 """Largest number of a variant's images that are shown."""
 _IMAGE = re.compile(r"(?:^|/)camera/[^/]+/[^/]+\.png$")
 
@@ -123,7 +123,7 @@ def _uses(manifest: Mapping[str, Any]) -> dict[str, int]:
 def _images_of_rollout(rollout: Mapping[str, Any]) -> list[str]:
     """Return images of the first camera: the first and the last, and that of the first contact or the middle."""
     images = _of_first_camera([name for name in rollout["files"] if _IMAGE.search(name)])
-    if len(images) <= SHOWN:
+    if len(images) <= MAX_IMAGES_SHOWN:
         return images
     hit_s = ((rollout.get("scores") or {}).get("collision") or {}).get("first_s")
     if isinstance(hit_s, int | float):
@@ -145,7 +145,7 @@ def _images_of_moments(variant: Mapping[str, Any], captures: Mapping[str, Any], 
     images = [(name, uses) for name, uses in images if name in names]
     fewest = min((uses for _, uses in images), default=0)
     rare = [name for name, uses in images if uses == fewest]
-    if len(rare) <= SHOWN:
+    if len(rare) <= MAX_IMAGES_SHOWN:
         return rare
     return [rare[0], rare[len(rare) // 2], rare[-1]]
 
@@ -166,7 +166,7 @@ COUNTS = ("asked", "rendered", "shared")
 THUMBNAIL_PX = 128, 72
 """The most pixels of one of them, in width and in height."""
 JPEG_QUALITY = 70
-MOST_THUMBNAILS = 2000
+MAX_THUMBNAILS = 2000
 """Variants with thumbnails; a page with more of them would open slowly."""
 READER_THREADS = 8
 
@@ -359,10 +359,10 @@ def _digest(text: str) -> str:
 def thumbnails(store: Store, images: Sequence[Sequence[str]]) -> list[str]:
     """Return for each variant its images side by side as a JPEG's data URI; "" where it has none that can be read.
 
-    ``images`` are names of objects. Variants after the first `MOST_THUMBNAILS` have none. Raises `OutputError`.
+    ``images`` are names of objects. Variants after the first `MAX_THUMBNAILS` have none. Raises `OutputError`.
     """
     with ThreadPoolExecutor(READER_THREADS) as pool:
-        thumbnails = list(pool.map(lambda names: _strip(store, names), images[:MOST_THUMBNAILS]))
+        thumbnails = list(pool.map(lambda names: _strip(store, names), images[:MAX_THUMBNAILS]))
     return thumbnails + [""] * (len(images) - len(thumbnails))
 
 

@@ -12,7 +12,7 @@ from .manifest import MANIFEST_NAME
 from .plan import PLAN_NAME
 from .records import RECORDS, Store, read_failures
 
-NEWEST = 50
+PACE_UNITS = 50
 """Of so many units the pace is taken: how fast it was long ago tells little."""
 
 
@@ -23,7 +23,7 @@ def seconds_left(times_s: Sequence[float], left: int, now_s: float) -> float | N
     """
     if left == 0:
         return 0.0
-    times = sorted(times_s)[-NEWEST:]
+    times = sorted(times_s)[-PACE_UNITS:]
     if len(times) < 2:
         return None
     each_s = (times[-1] - times[0]) / (len(times) - 1)

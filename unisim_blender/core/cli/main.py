@@ -12,7 +12,7 @@ from importlib import import_module
 
 import click
 
-from ..errors import MOST_LETTERS, UnisimError, what_is_missing
+from ..errors import MAX_LETTERS, UnisimError, what_is_missing
 from ..processes import wait_briefly
 from ..registry import entries
 from . import commands
@@ -98,7 +98,7 @@ def _of_system(error: OSError) -> str:
     if not isinstance(error.filename, str | bytes | os.PathLike) or error.errno is None:
         return ""
     name, reason = os.fsdecode(error.filename), error.strerror or "cannot be used"
-    shown = name if len(name) <= MOST_LETTERS else f"{name[:MOST_LETTERS]} …"
+    shown = name if len(name) <= MAX_LETTERS else f"{name[:MAX_LETTERS]} …"
     return f"{shown}: {reason[0].lower()}{reason[1:]}"
 
 

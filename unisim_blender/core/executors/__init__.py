@@ -8,7 +8,7 @@ from .dispatch import Processes as Processes
 from .dispatch import ThisProcess as ThisProcess
 from .executor import EXECUTORS as EXECUTORS
 from .executor import Executor as Executor
-from .ray_cluster import ADDRESS
+from .ray_cluster import ADDRESS_PATTERN
 from .ray_cluster import RayCluster as RayCluster
 
 
@@ -20,7 +20,7 @@ def usual_executor(jobs: int, units: int) -> Executor:
 def executor_at(place: str, gpus: float = 0.0) -> Executor:
     """Return an executor by its name, or by the address of a Ray cluster: ``ray://HOST:PORT``, ``HOST:PORT``. Workers of Ray
     have ``gpus`` GPUs each. Raises `UnisimError`."""
-    if ADDRESS.fullmatch(place):
+    if ADDRESS_PATTERN.fullmatch(place):
         return RayCluster(place, gpus)
     if place == "ray":
         return RayCluster(gpus=gpus)

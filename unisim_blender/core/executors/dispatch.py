@@ -16,7 +16,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from ..processes import THREAD_VARIABLES, end_with_parent
 from .executor import (
-    MOST_LOSSES,
+    MAX_LOSSES,
     MakeFunction,
     OnWorker,
     Outcome,
@@ -58,11 +58,11 @@ class SceneQueue:
         """Have a unit whose worker was lost wait again, before the others of its scene. Where that was the last time, its outcome
         is returned."""
         self._losses[index] += 1
-        if self._losses[index] < MOST_LOSSES:
+        if self._losses[index] < MAX_LOSSES:
             self._waiting[self._scenes[index]].appendleft(index)
             return None
         return Outcome(
-            index, error=ProcessLost(f"its process was ended from outside {MOST_LOSSES} times (out of memory?)")
+            index, error=ProcessLost(f"its process was ended from outside {MAX_LOSSES} times (out of memory?)")
         )
 
 
@@ -73,7 +73,7 @@ def scene_of_each_unit(scenes: Sequence[str] | None, units: int) -> Sequence[str
 
 WorkerT = TypeVar("WorkerT")
 
-MAKING = -1
+PREPARING = -1
 """The index of a worker's first outcome: its function is made."""
 
 
@@ -81,7 +81,7 @@ class Pool(Protocol[WorkerT]):
     """Workers as `dispatch` sees them."""
 
     def start(self) -> WorkerT:
-        """Start a worker; its first outcome has the index `MAKING`."""
+        """Start a worker; its first outcome has the index `PREPARING`."""
         ...
 
     def send(self, worker: WorkerT, index: int, unit: Any) -> None:
@@ -111,12 +111,12 @@ def dispatch(
             for worker, outcome in pool.finished(workers.busy()):
                 index = workers.index_of(worker)
                 if outcome is None:
-                    lost_unmade += index == MAKING
-                    if lost_unmade == MOST_LOSSES:
+                    lost_unmade += index == PREPARING
+                    if lost_unmade == MAX_LOSSES:
                         raise ProcessLost(f"{lost_unmade} processes were ended from outside as they started")
                     outcome = workers.replace(worker)
                 else:
-                    if index == MAKING:
+                    if index == PREPARING:
                         outcome.get()
                         outcome, lost_unmade = None, 0
                     workers.feed(worker)
@@ -132,7 +132,7 @@ class _State:
     """State of a worker: ``index`` is that of its unit, None where no unit waits."""
 
     number: int
-    index: int | None = MAKING
+    index: int | None = PREPARING
     scene: str | None = None
 
 
@@ -181,9 +181,9 @@ class _Workers(Generic[WorkerT]):
         """Start another worker in place of a lost one, whose unit waits again; the unit's outcome where it has failed."""
         self.pool.end(worker)
         state = self.states.pop(worker)
-        self.on_worker(WorkerState(state.number, "lost", None if state.index == MAKING else state.index))
+        self.on_worker(WorkerState(state.number, "lost", None if state.index == PREPARING else state.index))
         self.start(state.number)
-        return None if state.index in (None, MAKING) else self.queue.lost(state.index)
+        return None if state.index in (None, PREPARING) else self.queue.lost(state.index)
 
     def end(self) -> None:
         """End all workers."""
@@ -284,8 +284,8 @@ def _serve(connection: Connection, make: MakeFunction[Any, Any]) -> None:
     end_with_parent()
     for name in THREAD_VARIABLES:
         os.environ[name] = "1"  # for libraries that are imported from here on
-    prepared = attempt(MAKING, make)
-    connection.send(Outcome(MAKING, error=prepared.error, details=prepared.details))
+    prepared = attempt(PREPARING, make)
+    connection.send(Outcome(PREPARING, error=prepared.error, details=prepared.details))
     while prepared.result is not None:
         try:
             index, unit = connection.recv()

@@ -44,7 +44,7 @@ MakeFunction = Callable[[], Callable[[UnitT], ResultT]]
 """Called once in every worker; returns the function that is then called once a unit. It loads what all units share, so that
 a unit itself stays small."""
 
-MOST_LOSSES = 3
+MAX_LOSSES = 3
 """A unit whose workers were ended from outside so many times has failed."""
 
 
@@ -92,7 +92,7 @@ class Executor(Protocol):
 
         At most ``jobs`` units run at a time; None: as many as there are cores for. ``scenes`` are equal for units that one
         loaded scene serves; None: for all. A worker takes the units of the scene that it holds first. A unit whose
-        worker is ended from outside is run again, `MOST_LOSSES` times at most. ``make`` is not called where there are no
+        worker is ended from outside is run again, `MAX_LOSSES` times at most. ``make`` is not called where there are no
         units; what it raises is raised here. ``on_worker`` is called here as workers begin something else.
         """
         ...

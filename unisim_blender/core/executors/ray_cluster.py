@@ -19,14 +19,14 @@ from typing import Any
 from ..errors import UnisimError, in_a_line
 from ..native import VARIANT_VARIABLE, library, variant
 from ..processes import THREAD_VARIABLES
-from .dispatch import MAKING, dispatch, scene_of_each_unit
+from .dispatch import PREPARING, dispatch, scene_of_each_unit
 from .executor import MakeFunction, OnWorker, Outcome, Outcomes, ProcessLost, ResultT, UnitT, attempt, ignore, register
 
-ADDRESS = re.compile(r"(ray://)?[^\s/:]+:\d+|ray://[^\s/:]+")
+ADDRESS_PATTERN = re.compile(r"(ray://)?[^\s/:]+:\d+|ray://[^\s/:]+")
 """A cluster: the address of its head, or ``ray://`` and that of the Ray client's server there (port 10001 by default)."""
 CLIENT_PORT = 10001
-ANSWER_S = 10.0
-WATCH_S = 1.0
+CONNECT_TIMEOUT_S = 10.0
+WATCH_INTERVAL_S = 1.0
 """How often Ray's own processes are looked after while workers work."""
 OBJECT_STORE_BYTES = 200 << 20
 """Memory of a Ray that is started here for units on their way; scenes are not in it."""
@@ -105,11 +105,11 @@ def _joined(address: str | None, cores: int) -> Iterator[Any]:
 
 def _check_answer(address: str) -> None:
     """Raise `UnisimError` where nothing listens at an address: Ray would try for minutes."""
-    if not ADDRESS.fullmatch(address):
+    if not ADDRESS_PATTERN.fullmatch(address):
         return  # "auto": Ray knows where
     host, _, port = address.removeprefix("ray://").partition(":")
     try:
-        socket.create_connection((host, int(port or CLIENT_PORT)), ANSWER_S).close()
+        socket.create_connection((host, int(port or CLIENT_PORT)), CONNECT_TIMEOUT_S).close()
     except (OSError, OverflowError) as error:
         raise UnisimError(f"{address}: no Ray cluster answers there: {in_a_line(error)}") from error
 
@@ -129,7 +129,7 @@ def _connected(ray: Any, otherwise: str, given: dict[str, Any]) -> Iterator[None
         ray.shutdown()
 
 
-WITNESS = """
+WATCHER_SCRIPT = """
 import socket, sys
 if not sys.stdin.buffer.read():
     with socket.socket(socket.AF_UNIX) as raylet:
@@ -148,7 +148,7 @@ def _explaining_raylet_loss(ray: Any) -> Iterator[None]:
         return
     path = node.raylet_socket_name.removeprefix("unix://")
     message = "Ray's raylet was ended from outside (out of memory?), and Ray this process; continue with --resume"
-    command = [sys.executable, "-I", "-S", "-c", WITNESS, path, message]
+    command = [sys.executable, "-I", "-S", "-c", WATCHER_SCRIPT, path, message]
     witness = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
     try:
         yield
@@ -221,7 +221,7 @@ def _lost_part(ray: Any) -> str:
     for name, address in parts:
         family = socket.AF_UNIX if isinstance(address, str) else socket.AF_INET6 if ":" in host else socket.AF_INET
         with socket.socket(family, socket.SOCK_STREAM) as connection:
-            connection.settimeout(ANSWER_S)
+            connection.settimeout(CONNECT_TIMEOUT_S)
             try:
                 connection.connect(address)
             except TimeoutError:
@@ -256,9 +256,9 @@ class _Actor:
     """Ray actor that runs in a worker's process."""
 
     def make(self, make: MakeFunction[Any, Any]) -> Outcome[Any]:
-        prepared = attempt(MAKING, make)
+        prepared = attempt(PREPARING, make)
         self._function = prepared.result
-        return Outcome(MAKING, error=prepared.error, details=prepared.details)
+        return Outcome(PREPARING, error=prepared.error, details=prepared.details)
 
     def run(self, index: int, unit: Any) -> Outcome[Any]:
         assert self._function is not None
@@ -271,7 +271,7 @@ class _Worker:
 
     actor: Any
     awaited: Any
-    index: int = MAKING
+    index: int = PREPARING
 
 
 class _Pool:
@@ -295,7 +295,7 @@ class _Pool:
         done: list[Any] = []
         while not done:
             try:
-                done, _ = self.ray.wait(list(awaited), num_returns=1, timeout=WATCH_S)
+                done, _ = self.ray.wait(list(awaited), num_returns=1, timeout=WATCH_INTERVAL_S)
             except (ConnectionError, self.ray.exceptions.RayError) as error:
                 raise ProcessLost(
                     f"the connection to Ray is lost: {in_a_line(error)}; continue with --resume"

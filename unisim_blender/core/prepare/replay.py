@@ -14,9 +14,9 @@ from ..model.scene_file import SceneHeader
 from ..world.drive import Actor, Camera, Drive, Lidar
 
 ORIGIN_TOLERANCE_M = 1e-6
-SAME_DRIVE_M = 1.0
+MAX_REFINEMENT_M = 1.0
 """Refinement moves poses by centimetres; another drive is metres away."""
-SAME_KEY_S = 1e-4
+KEY_TOLERANCE_S = 1e-4
 
 
 def aligned_log(header: SceneHeader, log: Log) -> Log:
@@ -31,7 +31,7 @@ def aligned_log(header: SceneHeader, log: Log) -> Log:
     drive = log.drive
     shared = [frame for frame in header.drive.frames if frame in drive.time_s]
     apart = np.linalg.norm(_ego_in_log_world(header.drive, shared) - _ego_in_log_world(drive, shared), axis=1)
-    if not shared or apart.max() > SAME_DRIVE_M:
+    if not shared or apart.max() > MAX_REFINEMENT_M:
         by = f", whose vehicle is {apart.max():.1f} m away at frame {shared[int(apart.argmax())]}" if shared else ""
         raise SceneError(f"{header.path}: was trained on another drive than {log.path}{by}")
     if np.abs(header.drive.world_origin - drive.world_origin).max() > ORIGIN_TOLERANCE_M:
@@ -92,8 +92,8 @@ def _extended(own: Trajectory, logs: Trajectory) -> Trajectory:
     """Return a scene's trajectory with the log's keys before its first and after its last, displaced as those are."""
     parts = []
     for side, end in (
-        (logs.times_s < own.times_s[0] - SAME_KEY_S, 0),
-        (logs.times_s > own.times_s[-1] + SAME_KEY_S, -1),
+        (logs.times_s < own.times_s[0] - KEY_TOLERANCE_S, 0),
+        (logs.times_s > own.times_s[-1] + KEY_TOLERANCE_S, -1),
     ):
         correction = invert_pose(logs.at(own.times_s[end])) @ own.poses[end]
         parts.append((logs.times_s[side], logs.poses[side] @ correction))

@@ -12,12 +12,12 @@ from ..errors import UnisimError
 from ..geometry import points_in_box
 from ..world.drive import Drive
 
-PANDASETS = "front_camera"
-CLEARANCE_M = 0.3
+PANDASET_FRONT_CAMERA = "front_camera"
+CAMERA_CLEARANCE_M = 0.3
 """A camera this near to a box stands in it."""
-SAME_RAD = np.radians(5.0)
+SAME_DIRECTION_RAD = np.radians(5.0)
 """Cameras that look as far aside look in one direction."""
-RANGE = re.compile(r"(-?\d*):(-?\d*)(?::(\d*))?")
+RANGE_PATTERN = re.compile(r"(-?\d*):(-?\d*)(?::(\d*))?")
 
 
 def select_frames(text: str | None, available: Sequence[int], option: str = "--frames") -> tuple[int, ...]:
@@ -34,7 +34,7 @@ def select_frames(text: str | None, available: Sequence[int], option: str = "--f
         if part.isdecimal():
             chosen.add(int(part))
             continue
-        match = RANGE.fullmatch(part)
+        match = RANGE_PATTERN.fullmatch(part)
         step = int(match[3] or 1) if match else 0
         if not match or step < 1:
             raise UnisimError(f'{option} "{text}": must be START:STOP:STEP or frame numbers, with a step of at least 1')
@@ -66,14 +66,14 @@ def camera_ahead(log: Log) -> str | None:
     """The camera to train on where none is named: PandaSet's `front_camera`, or else of those with images the one that looks
     where the vehicle does. Of several, those in colour come first, then those with more images. None where there is none."""
     there = {name: camera for name, camera in log.drive.cameras.items() if log.image_frames(name)}
-    if not there or PANDASETS in there:
-        return PANDASETS if there else None
+    if not there or PANDASET_FRONT_CAMERA in there:
+        return PANDASET_FRONT_CAMERA if there else None
     off = {}
     for name, camera in there.items():
         time_s = camera.time_s[log.image_frames(name)[0]]
         ahead, axis = log.drive.world_from_ego.at(time_s)[:3, 0], camera.world_from_camera.at(time_s)[:3, 2]
         off[name] = float(np.arccos(np.clip(ahead @ axis, -1, 1)))
-    near = [name for name in there if off[name] < min(off.values()) + SAME_RAD]
+    near = [name for name in there if off[name] < min(off.values()) + SAME_DIRECTION_RAD]
     if len(near) > 1:
         colour = [name for name in near if np.ptp(log.image(name, log.image_frames(name)[0]), axis=-1).any()]
         near = sorted(colour or near, key=lambda name: -len(log.image_frames(name)))
@@ -105,7 +105,7 @@ def _in_actor(drive: Drive, frame: int) -> bool:
             time = camera.time_s[frame]
             place = camera.world_from_camera.at(time)[None, :3, 3]
             for actor in drive.actors.values():
-                size = np.asarray(actor.size_m) + 2 * CLEARANCE_M
+                size = np.asarray(actor.size_m) + 2 * CAMERA_CLEARANCE_M
                 if actor.present(time) and points_in_box(place, actor.world_from_actor.at(time), size)[0]:
                     return True
     return False

@@ -16,7 +16,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +48,7 @@ MIN_PREVIEW_WIDTH_PX = 16
 class _Exposure:
     """One image to render: the request, the maps that it needs, and results that its parts share."""
 
-    tracer: Tracer
+    tracer: Tracer[Any]
     state: WorldState
     camera: Camera
     time_s: float
@@ -67,9 +67,9 @@ class _Binding:
 
     def __init__(self, backend: Backend) -> None:
         self.backend = backend
-        self._last: tuple[WorldState, Tracer] | None = None
+        self._last: tuple[WorldState, Tracer[Any]] | None = None
 
-    def tracer(self, state: WorldState, quality: Quality) -> Tracer:
+    def tracer(self, state: WorldState, quality: Quality) -> Tracer[Any]:
         """Return the backend's tracer of this state."""
         if self._last is None or (self._last[0] is not state and self._last[0] != state):
             self._last = state, self.backend.bind(state)
@@ -163,7 +163,7 @@ class Renderer:
             part = region._replace(top=top, bottom=min(top + step, region.bottom))
             yield Tile(self._block(exposure, part, whole), part)
 
-    def tracer(self, state: WorldState) -> Tracer:
+    def tracer(self, state: WorldState) -> Tracer[Any]:
         """Return the backend's tracer for a state; the one of the last state is kept."""
         return self._bound.tracer(state, self.quality)
 
@@ -208,7 +208,7 @@ class Renderer:
         inserted = (actor for actor in state.actors if actor.inserted) if self.shadows else ()
         return [actor for actor in inserted if actor.visible_to(camera)]
 
-    def _lattice(self, tracer: Tracer, camera: Camera) -> int:
+    def _lattice(self, tracer: Tracer[Any], camera: Camera) -> int:
         """Return the spacing of the lattice in pixels. An image wider than those that the scene was trained on shows
         little detail that is smaller than their pixels."""
         scale = camera.model.width / (tracer.trained_width or camera.full_width or camera.model.width)

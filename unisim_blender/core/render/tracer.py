@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,35 +103,35 @@ def _target(state: WorldState, copy: StaticCopy) -> Actor:
 
 
 Array = NDArray[np.float32]
-Own = Any
-"""An array (N, ...) or torch's tensor: only the tracer that made it looks into it."""
+ValuesT = TypeVar("ValuesT")
+"""Numbers of rays (N, ...) where a tracer computes: an array, or a tensor on a device."""
 Maps = dict[str, NDArray[Any]]
 """One array (N, ...) for each pass."""
 NEAR_M = 0.5
-"""Nothing nearer to a sensor is looked at."""
+"""Distance from the sensor at which rays begin, metres."""
 BUNDLE_SIDE_RAYS = 8
-"""Of the square of rays that are traced together."""
+"""Edge of the square of rays that are traced together."""
 FOREIGN_EDGE_CELLS = 8
-"""How far past its edges a foreign actor is carried on, for the decoder to look at."""
+"""Number of cells by which a foreign actor's features are extended past its edges, for the decoder's convolutions."""
 UNIFORM_STEP_M = 0.2
-"""Step of a uniform march through the volume, metres: the baseline that saved samples are counted against."""
+"""Step, in metres, of the uniform march through the volume whose samples are the baseline of saved samples."""
 
 
 @dataclass
-class TraceResult:
+class TraceResult(Generic[ValuesT]):
     """Result of tracing rays (N,). feature (N, F) composited, the background and the sky included where they were
     asked for; depth_m (N,) the mean distance of what stopped the ray, 0 where nothing did; opacity (N,); maps, one
     array (N, ...) for each pass."""
 
-    feature: Own
-    depth_m: Own
-    opacity: Own
+    feature: ValuesT
+    depth_m: ValuesT
+    opacity: ValuesT
     maps: Maps
-    foreign_features: list[Own] = field(default_factory=list)
+    foreign_features: list[ValuesT] = field(default_factory=list)
     """For each foreign scene, by weight, features (N, F') of its own."""
-    foreign_opacity: list[Own] = field(default_factory=list)
+    foreign_opacity: list[ValuesT] = field(default_factory=list)
     """How much of each ray (N,) each foreign scene's actors stop."""
-    without_foreign: Own | None = None
+    without_foreign: ValuesT | None = None
     """``feature`` as if no foreign actor and no mesh were there; None where none is."""
     mesh_opacity: Array | None = None
     """How much of each ray (N,) meshes stop; None where there are none."""
@@ -148,7 +148,7 @@ class Backend(Protocol):
     sees_all: bool
     """Whether a frame depends on actors out of its view."""
 
-    def bind(self, state: WorldState) -> Tracer:
+    def bind(self, state: WorldState) -> Tracer[Any]:
         """Return what traces rays through the scene in this state. Raises `SceneError` for actors
         that no scene holds."""
 
@@ -160,7 +160,7 @@ class Backend(Protocol):
         """Return how far beside its box an actor may show, metres."""
 
 
-class Tracer(Protocol):
+class Tracer(Protocol[ValuesT]):
     """A scene in a state of the world, ready for rays."""
 
     upsample: int
@@ -176,15 +176,17 @@ class Tracer(Protocol):
 
     def trace(
         self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats
-    ) -> TraceResult:
+    ) -> TraceResult[ValuesT]:
         """Trace rays (h, w), or (N,), and return their hits as flat arrays, with maps of these passes and no other.
         ``sky`` asks for what gives a camera its background, ``mesh_hits`` is where the rays hit meshes."""
 
-    def image(self, traced: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+    def image(
+        self, traced: TraceResult[ValuesT], directions: FloatArray, camera_id: str, shape: tuple[int, ...]
+    ) -> Array:
         """The image (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w),
         directions (h w, 3)."""
 
-    def returns(self, traced: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, traced: TraceResult[ValuesT], directions: FloatArray) -> tuple[Array, Array]:
         """A LiDAR's intensities in 0..1 (N,), and the probabilities (N,) of a return."""
 
     def heights(self, points: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..geometry import BoolArray, FloatArray, make_pose
+from ..geometry import UNIT_BOX_CORNERS, BoolArray, FloatArray, make_pose
 from ..sensors.silhouettes import spheres_in_cone, view_half_angle
 from ..world.drive import Actor, Box, Camera, CameraModel, Lidar, StaticCopy
 from ..world.replay import PaddedKeys, WorldState
@@ -24,7 +24,6 @@ EXPOSURE_MOMENTS = 5
 BOX_SLACK_M = 0.05
 STATIC_SLACK_M = 0.5
 """How far beside a removed box the static world may have been changed."""
-_CORNERS = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5], indexing="ij"), -1).reshape(8, 3)
 
 
 @dataclass(frozen=True)
@@ -79,14 +78,14 @@ def _actor_corners(actors: Sequence[Actor], moments: FloatArray, reach: Reach) -
     sizes = sizes + 2 * np.where([[actor.inserted] for actor in actors], reach.shadow_m, 0.0).reshape(-1, 1)
     keys = PaddedKeys.of(actors)
     poses = make_pose(keys.positions_at(moments), keys.quaternions_at(moments))
-    local = _CORNERS * sizes[:, None]
+    local = UNIT_BOX_CORNERS * sizes[:, None]
     return np.einsum("atij,akj->atki", poses[..., :3, :3], local) + poses[:, :, None, :3, 3]
 
 
 def _box_corners(boxes: Sequence[Box], moments: int) -> FloatArray:
     """Return corners (B, T, 8, 3) of boxes that stand still, world frame."""
     poses = np.array([box.world_from_box for box in boxes]).reshape(-1, 4, 4)
-    local = _CORNERS * (np.array([box.size_m for box in boxes]).reshape(-1, 1, 3) + 2 * STATIC_SLACK_M)
+    local = UNIT_BOX_CORNERS * (np.array([box.size_m for box in boxes]).reshape(-1, 1, 3) + 2 * STATIC_SLACK_M)
     corners = np.einsum("bij,bkj->bki", poses[:, :3, :3], local) + poses[:, None, :3, 3]
     return np.repeat(corners[:, None], moments, 1)
 

@@ -34,7 +34,7 @@ def listed(names: Iterable[str]) -> str:
     return f"(there are {known[0]} … {known[-1]})"
 
 
-MOST_MEMBERS = {
+MAX_MEMBERS = {
     "edits": 2_000,
     "boxes": 2_000,
     "cameras": 500,
@@ -47,20 +47,20 @@ MOST_MEMBERS = {
     "street": 100,
 }
 """Members of a list or an object, by its name."""
-MOST_VALUES = 500_000
+MAX_VALUES = 500_000
 """Values of a document, of all kinds and at any depth: some 50 000 keys."""
-MOST_M = 1e6
+MAX_M = 1e6
 """Places and lengths: micrometres are told apart there."""
-MOST_S = 1e6
-MOST_DEG = 1e6
-MOST_PIXELS = 1e6
-SLOWEST, FASTEST = 1e-3, 1e3
+MAX_S = 1e6
+MAX_DEG = 1e6
+MAX_PIXELS = 1e6
+MIN_SPEED_FACTOR, MAX_SPEED_FACTOR = 1e-3, 1e3
 """How many times slower or faster a retimed actor may be."""
-_UNITS = {"_m": (MOST_M, "m"), "_s": (MOST_S, "s"), "_deg": (MOST_DEG, "degrees")}
+_UNITS = {"_m": (MAX_M, "m"), "_s": (MAX_S, "s"), "_deg": (MAX_DEG, "degrees")}
 _NAMES = {
-    "position": (MOST_M, "m"), "map": (MOST_S, "s"), "times": (MOST_S, "s"),
-    **dict.fromkeys(("fx", "fy", "cx", "cy"), (MOST_PIXELS, "pixels")),
-    "factors": (MOST_M, "times"), "quaternion_wxyz": (MOST_M, "in length"),
+    "position": (MAX_M, "m"), "map": (MAX_S, "s"), "times": (MAX_S, "s"),
+    **dict.fromkeys(("fx", "fy", "cx", "cy"), (MAX_PIXELS, "pixels")),
+    "factors": (MAX_M, "times"), "quaternion_wxyz": (MAX_M, "in length"),
 }  # fmt: skip
 
 
@@ -70,10 +70,10 @@ def check_limits(document: Any, path: Path) -> None:
     count = 0
     for steps, value in _values((), document):
         count += 1
-        if count > MOST_VALUES:
-            raise ScenarioError(f"{path}: holds more than {MOST_VALUES} values, which is more than a scenario may have")
+        if count > MAX_VALUES:
+            raise ScenarioError(f"{path}: holds more than {MAX_VALUES} values, which is more than a scenario may have")
         name = next((step for step in reversed(steps) if isinstance(step, str)), "")
-        most = MOST_MEMBERS.get(name, MOST_VALUES) if steps and steps[-1] == name else MOST_VALUES
+        most = MAX_MEMBERS.get(name, MAX_VALUES) if steps and steps[-1] == name else MAX_VALUES
         if isinstance(value, list | dict) and len(value) > most:
             raise ScenarioError(
                 f"{place_in(path, steps)}: has {len(value)} members, more than the {most} that are read"
@@ -86,8 +86,8 @@ def _check_number(value: float, name: str, place: str) -> None:
     unit = _NAMES.get(name) or next((unit for suffix, unit in _UNITS.items() if name.endswith(suffix)), None)
     if unit is not None and not abs(value) <= unit[0]:
         raise ScenarioError(f"{place}: {value:g} is not within {unit[0]:g} {unit[1]}")
-    if name == "speed" and value > 0 and not SLOWEST <= value <= FASTEST:
-        raise ScenarioError(f"{place}: {value:g} is not from {SLOWEST:g} to {FASTEST:g}")
+    if name == "speed" and value > 0 and not MIN_SPEED_FACTOR <= value <= MAX_SPEED_FACTOR:
+        raise ScenarioError(f"{place}: {value:g} is not from {MIN_SPEED_FACTOR:g} to {MAX_SPEED_FACTOR:g}")
 
 
 def place_in(path: Path, steps: tuple[str | int, ...]) -> str:

@@ -21,7 +21,7 @@ from .motion.trajectories import holding_ends, is_moving
 from .types import Scenario
 
 TIME_TOLERANCE_S = 1e-6
-MARGIN_S = 1.0
+PRESENCE_MARGIN_S = 1.0
 """Actors that are always present are present this long before the first and after the last frame."""
 SENSOR_MARGIN_S = 0.25
 """Before the first and after the last time of a drive: how far sweeps and shutters may reach, and be placed exactly."""
@@ -84,7 +84,7 @@ class EditContext:
 
     def presence(self, present: Present | None, place: str) -> tuple[float, float]:
         """Return when an actor is present (start, end), in seconds; an end that is not given lies outside the drive."""
-        start, end = self._span_s[0] - MARGIN_S, self._span_s[1] + MARGIN_S
+        start, end = self._span_s[0] - PRESENCE_MARGIN_S, self._span_s[1] + PRESENCE_MARGIN_S
         if present is not None and present.start_s is not None:
             start = self.check_time(present.start_s, f"{place}.present.start_s")
         if present is not None and present.end_s is not None:

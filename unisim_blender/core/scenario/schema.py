@@ -18,7 +18,7 @@ from .motion import keys, placement
 from .sensors import document as sensors
 
 FORMAT, VERSION = "unisim-scenario", 1
-ABOUT = (
+DESCRIPTION = (
     "A recorded drive and what is changed of it. Metres, seconds, degrees; world: z up, re-centred on the first ego pose; "
     "boxes and the ego vehicle: x forward, y left, z up, position is a box's centre; times from the log's first frame. "
     "Paths are relative to the scenario's file."
@@ -39,7 +39,7 @@ def _schema(kinds: tuple[type[Edit], ...]) -> dict[str, Any]:
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": f"UniSim scenario, version {VERSION}",
-        "description": ABOUT,
+        "description": DESCRIPTION,
         "type": "object",
         "properties": {"format": {"const": FORMAT}, "version": {"const": VERSION}, **types.MEMBERS},
         "required": ["format", "version", "name", "log", "edits"],

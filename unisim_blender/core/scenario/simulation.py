@@ -8,7 +8,7 @@ from typing import Any
 from .checks import require
 from .json_schema import NUMBER, POSITIVE, TEXT, Schema, members_of, ref
 
-OTHERS = "*"
+OTHER_ACTORS = "*"
 """Stands for all moving actors that are not named."""
 
 

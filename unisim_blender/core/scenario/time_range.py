@@ -7,7 +7,7 @@ from typing import Union
 
 from .json_schema import NUMBER, Schema, members_of
 
-MOST_HZ = 10_000.0
+MAX_RATE_HZ = 10_000.0
 
 
 @dataclass(frozen=True)
@@ -33,14 +33,14 @@ class Outside:
     ego: str | None = None
 
 
-RULES = ["absent", "hold", "continue"]
+OUTSIDE_RULES = ["absent", "hold", "continue"]
 TIMES: Schema = {
     "if": {"type": "object"},
     "then": members_of(
         {
             "start_s": NUMBER,
             "stop_s": NUMBER,
-            "rate_hz": {"type": "number", "exclusiveMinimum": 0, "maximum": MOST_HZ},
+            "rate_hz": {"type": "number", "exclusiveMinimum": 0, "maximum": MAX_RATE_HZ},
         },
         ["rate_hz"],
     ),
@@ -59,7 +59,7 @@ DEFS: dict[str, Schema] = {
     "outside_recording": {
         "description": "What moves before and after the recording: actors, and the ego vehicle.",
         "if": {"type": "object"},
-        "then": members_of({"actors": {"enum": RULES}, "ego": {"enum": RULES[1:]}}, ()),
-        "else": {"enum": RULES},
+        "then": members_of({"actors": {"enum": OUTSIDE_RULES}, "ego": {"enum": OUTSIDE_RULES[1:]}}, ()),
+        "else": {"enum": OUTSIDE_RULES},
     },
 }

@@ -12,11 +12,11 @@ import numpy as np
 
 from ..errors import ScenarioError, UnisimError
 from ..geometry import Trajectory
-from ..world.captures import SECOND_US, microseconds
+from ..world.captures import US_PER_SECOND, microseconds
 from ..world.drive import FRAME_MARGIN_S, Actor, Drive
-from .checks import MOST_MEMBERS, MOST_S
+from .checks import MAX_MEMBERS, MAX_S
 from .sensors.document import CameraSpec, LidarSpec
-from .time_range import MOST_HZ, Outside, TimeRange, Times
+from .time_range import MAX_RATE_HZ, Outside, TimeRange, Times
 from .types import Scenario
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
@@ -56,10 +56,10 @@ def times_us(times: Times, drive: Drive, place: str) -> tuple[int, ...]:
     # without a stop the last time is one of them
     stop_us = last + 1 if times.stop_s is None else microseconds(times.stop_s)
     if times.stop_s is None and start_us > last:
-        start, end = f"{start_us / SECOND_US:g} s", f"{last / SECOND_US:g} s"
+        start, end = f"{start_us / US_PER_SECOND:g} s", f"{last / US_PER_SECOND:g} s"
         raise ScenarioError(f"{place}: start_s {start} lies after the recording, which ends at {end}: give a stop_s")
-    _check_range(start_us / SECOND_US, stop_us / SECOND_US, times.rate_hz, place)
-    step_us = SECOND_US / times.rate_hz
+    _check_range(start_us / US_PER_SECOND, stop_us / US_PER_SECOND, times.rate_hz, place)
+    step_us = US_PER_SECOND / times.rate_hz
     count = math.ceil((stop_us - start_us) / step_us - 1e-9)
     return tuple(start_us + round(i * step_us) for i in range(count))
 
@@ -86,9 +86,11 @@ def parse_times(text: str) -> TimeRange:
     match = _RANGE.fullmatch(text.strip())
     start, stop, rate = match.groups() if match else (None, None, None)
     times = TimeRange(float(rate or 0), None if start is None else float(start), None if stop is None else float(stop))
-    if not 0 < times.rate_hz <= MOST_HZ or any(abs(x) > MOST_S for x in (times.start_s, times.stop_s) if x is not None):
+    if not 0 < times.rate_hz <= MAX_RATE_HZ or any(
+        abs(x) > MAX_S for x in (times.start_s, times.stop_s) if x is not None
+    ):
         raise UnisimError(
-            f'--times "{text}": must be START:STOP:RATE, seconds within {MOST_S:g} and a rate above 0 and up to {MOST_HZ:g} a '
+            f'--times "{text}": must be START:STOP:RATE, seconds within {MAX_S:g} and a rate above 0 and up to {MAX_RATE_HZ:g} a '
             'second: "0:8:20", or "::20" for the whole recording'
         )
     return times
@@ -142,23 +144,23 @@ def sensors_with_times(scenario: Scenario) -> Iterator[tuple[str, str, CameraSpe
 def _check_range(start_s: float, stop_s: float, rate_hz: float, place: str) -> None:
     if start_s >= stop_s:
         raise ScenarioError(f"{place}: stop_s {stop_s:g} must lie beyond start_s {start_s:g}")
-    if (stop_s - start_s) * rate_hz > MOST_MEMBERS["times"]:
+    if (stop_s - start_s) * rate_hz > MAX_MEMBERS["times"]:
         count = (stop_s - start_s) * rate_hz
-        raise ScenarioError(f"{place}: is {count:.0f} times, more than the {MOST_MEMBERS['times']} that are rendered")
+        raise ScenarioError(f"{place}: is {count:.0f} times, more than the {MAX_MEMBERS['times']} that are rendered")
 
 
 def _check_outside(scenario: Scenario, drive: Drive, place: str, times: tuple[int, ...]) -> None:
     first, last = recording_us(drive)
     beyond = next((time for time in times if not first <= time <= last), None)
     if beyond is not None and ego_outside(scenario) is None:
-        span = f"{first / SECOND_US:g} … {last / SECOND_US:g} s"
+        span = f"{first / US_PER_SECOND:g} … {last / US_PER_SECOND:g} s"
         raise ScenarioError(
-            f"{place}: {beyond / SECOND_US:g} s lies outside the recording ({span}): say what the ego vehicle does there with "
-            '"outside": "hold" or "continue"'
+            f"{place}: {beyond / US_PER_SECOND:g} s lies outside the recording ({span}): say what the ego vehicle does there "
+            'with "outside": "hold" or "continue"'
         )
 
 
-REACH_S = 1.0
+SENSOR_REACH_S = 1.0
 """Sensors look no earlier and no later than so long beside their captures."""
 
 
@@ -173,8 +175,11 @@ def carried_outside(drive: Drive, scenario: Scenario, times_us: Iterable[int]) -
     times, (first_us, last_us) = list(times_us), recording_us(drive)
     if not times or first_us <= min(times) <= max(times) <= last_us:
         return drive
-    first_s, last_s = first_us / SECOND_US - FRAME_MARGIN_S, last_us / SECOND_US + FRAME_MARGIN_S
-    window = min(min(times) / SECOND_US - REACH_S, first_s), max(max(times) / SECOND_US + REACH_S, last_s)
+    first_s, last_s = first_us / US_PER_SECOND - FRAME_MARGIN_S, last_us / US_PER_SECOND + FRAME_MARGIN_S
+    window = (
+        min(min(times) / US_PER_SECOND - SENSOR_REACH_S, first_s),
+        max(max(times) / US_PER_SECOND + SENSOR_REACH_S, last_s),
+    )
     own_rules, ends = _own_rules(scenario), _stated_ends(scenario)
     rule, ego_rule = actors_outside(scenario), ego_outside(scenario)
 
@@ -192,8 +197,8 @@ def carried_outside(drive: Drive, scenario: Scenario, times_us: Iterable[int]) -
         return replace(
             actor,
             world_from_actor=trajectory,
-            start_s=window[0] if start <= first_us / SECOND_US else start,
-            end_s=window[1] if end >= last_us / SECOND_US and actor.uid not in ends else end,
+            start_s=window[0] if start <= first_us / US_PER_SECOND else start,
+            end_s=window[1] if end >= last_us / US_PER_SECOND and actor.uid not in ends else end,
         )
 
     drive = replace(drive, actors={uid: carried(actor) for uid, actor in drive.actors.items()})

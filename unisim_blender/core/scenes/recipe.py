@@ -34,20 +34,20 @@ from .scene import Scene
 
 Loaded = dict[tuple[str, str, Scene], Any]
 """Scenes that are loaded, by what computes them, device, and scene."""
-KERNELS, TORCH = "compiled", "torch"
+COMPILED, TORCH = "compiled", "torch"
 
 
 def backend_name(device: str, scenes: Sequence[Scene] = ()) -> str:
-    """Return what computes scenes together on a device: `KERNELS` or `TORCH`. Raises `SceneError`."""
+    """Return what computes scenes together on a device: `COMPILED` or `TORCH`. Raises `SceneError`."""
     kernels = device == "cpu" and native.library() is not None
-    return KERNELS if kernels and not any(not_taken(scene.config) for scene in scenes) else TORCH
+    return COMPILED if kernels and not any(not_taken(scene.config) for scene in scenes) else TORCH
 
 
 def environment(device: str, scenes: Sequence[Scene] = ()) -> dict[str, str]:
     """Return what else equal bytes depend on: machine, instruction set, libraries that compute. ModuleNotFoundError names the
     one that is not installed."""
     common = {"machine": platform.machine(), "device": device, "numpy": np.__version__}
-    if backend_name(device, scenes) == KERNELS:
+    if backend_name(device, scenes) == COMPILED:
         return {**common, "kernels": str(native.ABI_VERSION), "instruction_set": native.variant()}
     import torch
 
@@ -75,7 +75,7 @@ def load_backend(
         loaded.clear()
         loaded.update(now)
     own, of_quality = scenes.pop(""), quality_named(quality)
-    if name == KERNELS:
+    if name == COMPILED:
         return CompiledBackend(own, of_quality, scenes)
     from ..render.tracers.torch.tracer import TorchBackend
 
@@ -83,7 +83,7 @@ def load_backend(
 
 
 def _load(name: str, scene: Scene, device: str) -> Any:
-    if name == KERNELS:
+    if name == COMPILED:
         return CompiledScene(scene.path, header=scene.header)
     from ..model.checkpoint import load_scene
 

@@ -15,11 +15,11 @@ from ..model.config import ModelConfig
 from ..model.scene_file import HEADER_NAME, WEIGHTS_NAME, SceneHeader, read_header, weights_hash
 from ..world.drive import Actor, Drive
 
-NAMES_OTHERS = (".obj", ".gltf", ".ply")
+MULTI_FILE_FORMATS = (".obj", ".gltf", ".ply")
 """Formats of meshes whose materials, textures or buffers lie in files beside them."""
 
 
-_MOST_NAMED = 5
+_MAX_NAMED_ACTORS = 5
 """Largest number of actors that are named."""
 
 
@@ -117,7 +117,7 @@ def mesh_digests(drive: Drive) -> dict[str, str]:
 def _mesh_digest(path: Path) -> str:
     """Return the digest of a mesh's file, and of what it is made of where that may lie in other files: materials and textures."""
     own = sha256_of_file(path)
-    if path.suffix.lower() not in NAMES_OTHERS:
+    if path.suffix.lower() not in MULTI_FILE_FORMATS:
         return own
     model = read_mesh(path)
     if path.suffix.lower() == ".ply" and not model.textures:
@@ -139,8 +139,8 @@ def capability_warnings(scene: Scene, recorded: Drive, edited: Drive, sweeps: bo
     ]
     if not scene.has_actors and (changed or added):
         every = [*changed, *added]
-        names = ", ".join(every[:_MOST_NAMED]) + (
-            f" and {len(every) - _MOST_NAMED} more" if len(every) > _MOST_NAMED else ""
+        names = ", ".join(every[:_MAX_NAMED_ACTORS]) + (
+            f" and {len(every) - _MAX_NAMED_ACTORS} more" if len(every) > _MAX_NAMED_ACTORS else ""
         )
         warnings.append(
             f"scene {name!r} is one field without actors: edits of {names} change labels, but no image or sweep"

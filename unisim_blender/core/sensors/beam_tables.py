@@ -152,8 +152,8 @@ BEAM_TABLES: dict[str, Callable[[], LidarModel]] = {
 }
 
 
-DIRECTIONS = {"cw": -1, "ccw": 1}
-EVEN_RAD = 1e-5
+ROTATION_SIGNS = {"cw": -1, "ccw": 1}
+EVEN_TOLERANCE_RAD = 1e-5
 """Azimuths, which the files have in float32, that are no further from even ones are even."""
 
 
@@ -181,13 +181,13 @@ def beam_table(node: Node, min_range_m: float = 0.5, max_range_m: float = 200.0)
         if name in node.object() and node.key(name).integer() != count:
             node.key(name).fail(f"is not {count}, of which there are azimuths or elevations")
     word, hertz = node.key("spinning_direction").text(), node.key("spinning_frequency_hz").number()
-    if word not in DIRECTIONS:
+    if word not in ROTATION_SIGNS:
         node.key("spinning_direction").fail(f'must be "cw" or "ccw", not "{word}"')
     if hertz <= 0:
         node.key("spinning_frequency_hz").fail(f"must be above 0, not {hertz:g}")
-    direction, there = DIRECTIONS[word], node.object()
+    direction, there = ROTATION_SIGNS[word], node.object()
     step = direction * 2 * np.pi / len(azimuth)
-    uneven = np.abs(np.unwrap(azimuth) - azimuth[0] - step * np.arange(len(azimuth))).max() > EVEN_RAD
+    uneven = np.abs(np.unwrap(azimuth) - azimuth[0] - step * np.arange(len(azimuth))).max() > EVEN_TOLERANCE_RAD
     order = np.argsort(-elevation, kind="stable")
     try:
         return LidarModel(

@@ -12,7 +12,7 @@ from ..world.drive import Actor
 from .rays import Rays
 
 BIN_S = 0.05
-SLACK_S = 1e-4
+BIN_SLACK_S = 1e-4
 """A time that lies on the edge of two bins may be rounded into either."""
 
 
@@ -30,7 +30,7 @@ class Bounds:
         bins = max(1, int(np.ceil((last - self.first_s) / BIN_S)) + 1)
         edges = self.first_s + BIN_S * np.arange(bins + 1)
         starts, ends = np.array(self.windows).reshape(-1, 2).T
-        present = (edges[1:, None] >= starts - SLACK_S) & (edges[:-1, None] <= ends + SLACK_S)
+        present = (edges[1:, None] >= starts - BIN_SLACK_S) & (edges[:-1, None] <= ends + BIN_SLACK_S)
         half = np.linalg.norm(np.array([actor.size_m for actor in actors]).reshape(-1, 3), axis=1) / 2
         self.centres, self.radii = np.zeros((bins, len(actors), 3)), np.full((bins, len(actors)), -1.0)
         for number, actor in enumerate(actors):

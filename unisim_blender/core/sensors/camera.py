@@ -10,7 +10,7 @@ from ..world.drive import Camera, CameraModel
 from . import unprojection
 from .rays import Rays
 
-MOST_ROWS = 1 << 14
+MAX_COUNTED_SPAN = 1 << 14
 """Values that lie farther apart than this, and than there are of them, are sorted rather than counted."""
 
 
@@ -97,7 +97,7 @@ def distinct(values: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
     flat = values.reshape(-1)
     if len(flat):
         first = float(flat.min())
-        if float(flat.max()) - first < min(len(flat) + MOST_ROWS, 1 << 30):
+        if float(flat.max()) - first < min(len(flat) + MAX_COUNTED_SPAN, 1 << 30):
             steps = (flat - first).astype(np.int32)
             if np.array_equal(first + steps, flat):
                 here = np.zeros(int(steps.max()) + 1, bool)

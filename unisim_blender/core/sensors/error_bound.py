@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from ..errors import UnisimError
 from ..geometry import FloatArray
 
-BOUND = re.compile(r"(?:p(\d+(?:\.\d+)?):)?(\d+(?:\.\d+)?)\s*(mm|dB|dE)", re.IGNORECASE)
+BOUND_PATTERN = re.compile(r"(?:p(\d+(?:\.\d+)?):)?(\d+(?:\.\d+)?)\s*(mm|dB|dE)", re.IGNORECASE)
 UNITS = {"mm": "mm", "db": "dB", "de": "dE"}
-DOUBT = 0.002
+QUANTILE_ERROR_RATE = 0.002
 """How often a bound on a quantile may be wrong."""
-SAMPLE_FRAMES = 16
+MAX_SAMPLE_FRAMES = 16
 """Largest number of frames of a drive from which a camera's settings are chosen."""
 
 
@@ -89,14 +89,14 @@ class ErrorBoundResult:
 def sample_frames(time_s: Collection[int]) -> list[int]:
     """Return the frames, of those that a camera has, by whose pixels its settings are chosen."""
     there = sorted(time_s)
-    return [there[i] for i in sorted({round(x) for x in np.linspace(0, len(there) - 1, SAMPLE_FRAMES)})]
+    return [there[i] for i in sorted({round(x) for x in np.linspace(0, len(there) - 1, MAX_SAMPLE_FRAMES)})]
 
 
 def parse_bounds(texts: Sequence[str]) -> tuple[ErrorBound, ...]:
     """Bounds as the command line writes them: "1mm", "p90:20mm", "40dB", "1.5dE". Raises `UnisimError`."""
     bounds = []
     for text in texts:
-        match = BOUND.fullmatch(text.strip())
+        match = BOUND_PATTERN.fullmatch(text.strip())
         if (
             not match
             or float(match[2]) == 0
@@ -138,7 +138,7 @@ def quantile_rank(n: int, quantile: float) -> int:
     factorial = np.concatenate([[0.0], np.cumsum(steps)])
     log = factorial[n] - factorial - factorial[::-1] + k * math.log(quantile) + (n - k) * math.log1p(-quantile)
     above = np.cumsum(np.exp(log)[::-1])[::-1]
-    return int(np.argmax(above <= DOUBT)) if above[-1] <= DOUBT else n + 1
+    return int(np.argmax(above <= QUANTILE_ERROR_RATE)) if above[-1] <= QUANTILE_ERROR_RATE else n + 1
 
 
 def mean_at_most(terms: FloatArray, deviations: float) -> float:

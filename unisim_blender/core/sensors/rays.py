@@ -9,7 +9,7 @@ import numpy as np
 from ..geometry import BoolArray, FloatArray
 from ..world.drive import Camera, Lidar
 
-NOWHERE_M = 1e9
+MAX_DISTANCE_M = 1e9
 """Farther from the origin than this nothing is."""
 
 
@@ -42,11 +42,11 @@ class Rays:
         instead: they hit nothing but the sky."""
         aims, timed = _aims(self.directions), np.isfinite(self.time_s)
         # a number that is not finite makes the comparison fail
-        if np.abs(self.origins).max(initial=0.0) < NOWHERE_M and aims.all() and timed.all():
+        if np.abs(self.origins).max(initial=0.0) < MAX_DISTANCE_M and aims.all() and timed.all():
             return self
-        some = (np.abs(self.origins) < NOWHERE_M).all(1) & aims & timed
+        some = (np.abs(self.origins) < MAX_DISTANCE_M).all(1) & aims & timed
         return Rays(
-            np.where(some[:, None], self.origins, (0.0, 0.0, NOWHERE_M)),
+            np.where(some[:, None], self.origins, (0.0, 0.0, MAX_DISTANCE_M)),
             np.where(some[:, None], self.directions, (0.0, 0.0, 1.0)),
             np.where(some, self.time_s, 0.0),
         )

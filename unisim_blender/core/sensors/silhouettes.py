@@ -8,17 +8,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
+from ..geometry import UNIT_BOX_CORNERS, BoolArray, FloatArray, invert_pose, transform_points
 from ..world.drive import CameraModel
 
-ALONG_EDGE = 33
+POINTS_PER_EDGE = 33
 """Points by which an edge of a box is projected."""
-NEAR_M = 0.01
+MIN_DEPTH_M = 0.01
 """Nothing that a pinhole shows lies nearer to its plane."""
-ROUND = 180
+DOMAIN_DIRECTIONS = 180
 """Directions at the edge of the valid domain at which it is asked whether they hit a box."""
-_SIGNS = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5], indexing="ij"), -1).reshape(8, 3)
-_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (np.abs(_SIGNS[a] - _SIGNS[b]) > 0).sum() == 1]
+_BOX_EDGES = [
+    (a, b)
+    for a in range(8)
+    for b in range(a + 1, 8)
+    if (np.abs(UNIT_BOX_CORNERS[a] - UNIT_BOX_CORNERS[b]) > 0).sum() == 1
+]
 
 
 class Silhouette(NamedTuple):
@@ -36,9 +40,9 @@ def box_silhouette(model: CameraModel, camera_from_box: FloatArray, size_m: Floa
     The edge of what a box covers consists of projected edges of the box and, where it is cut, of the valid domain's edge.
     """
     size = np.asarray(size_m, float)
-    corners = _SIGNS * size
-    part = np.linspace(0, 1, ALONG_EDGE)[:, None]
-    edges = np.stack([corners[a] + part * (corners[b] - corners[a]) for a, b in _EDGES])
+    corners = UNIT_BOX_CORNERS * size
+    part = np.linspace(0, 1, POINTS_PER_EDGE)[:, None]
+    edges = np.stack([corners[a] + part * (corners[b] - corners[a]) for a, b in _BOX_EDGES])
     u, v, valid = model.project(transform_points(camera_from_box, edges.reshape(-1, 3)).reshape(edges.shape))
     points, gap = [], 0.0
     if valid.any():
@@ -72,16 +76,16 @@ def covered(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArray)
             return None
         low, high = np.min([part[:2] for part in rectangles], 0), np.max([part[2:] for part in rectangles], 0)
         return Silhouette(*low.tolist(), *high.tolist())
-    corners = transform_points(camera_from_box, _SIGNS * np.asarray(size_m, float))
-    first, second = (corners[:, list(ends)] for ends in zip(*_EDGES, strict=True))
+    corners = transform_points(camera_from_box, UNIT_BOX_CORNERS * np.asarray(size_m, float))
+    first, second = (corners[:, list(ends)] for ends in zip(*_BOX_EDGES, strict=True))
     # where edges pass the plane that nothing is nearer than
-    passing = (first[..., 2] > NEAR_M) != (second[..., 2] > NEAR_M)
+    passing = (first[..., 2] > MIN_DEPTH_M) != (second[..., 2] > MIN_DEPTH_M)
     a, b = first[passing], second[passing]
-    at = (NEAR_M - a[:, 2:]) / (b[:, 2:] - a[:, 2:])
-    ahead = np.concatenate([corners[corners[..., 2] > NEAR_M], a + at * (b - a)])
+    at = (MIN_DEPTH_M - a[:, 2:]) / (b[:, 2:] - a[:, 2:])
+    ahead = np.concatenate([corners[corners[..., 2] > MIN_DEPTH_M], a + at * (b - a)])
     if not len(ahead):
         return None
-    depth = np.maximum(ahead[:, 2], NEAR_M)
+    depth = np.maximum(ahead[:, 2], MIN_DEPTH_M)
     u, v = model.fx * ahead[:, 0] / depth + model.cx, model.fy * ahead[:, 1] / depth + model.cy
     return Silhouette(float(u.min()), float(v.min()), float(u.max()), float(v.max()))
 
@@ -89,9 +93,9 @@ def covered(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArray)
 def box_bounds(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArray) -> Silhouette | None:
     """Return the rectangle about a box's projected edges, None where it projects nowhere: tight where the whole box lies in the
     lens's valid domain, else that of `box_silhouette`."""
-    corners = _SIGNS * np.asarray(size_m, float)
-    part = np.linspace(0, 1, ALONG_EDGE)[:, None]
-    edges = np.concatenate([corners[a] + part * (corners[b] - corners[a]) for a, b in _EDGES])
+    corners = UNIT_BOX_CORNERS * np.asarray(size_m, float)
+    part = np.linspace(0, 1, POINTS_PER_EDGE)[:, None]
+    edges = np.concatenate([corners[a] + part * (corners[b] - corners[a]) for a, b in _BOX_EDGES])
     u, v, valid = model.project(transform_points(camera_from_box, edges))
     if not valid.all():
         return box_silhouette(model, camera_from_box, size_m)
@@ -109,9 +113,9 @@ def _domain_edge(
 ) -> tuple[FloatArray, FloatArray, BoolArray, bool]:
     """Points (N,) of the valid domain's edge, whether the box lies behind them, and whether it lies on the optical axis."""
     angle = min(model.lens.max_angle_rad, math.radians(89.9) if model.is_pinhole else math.pi) * (1 - 1e-9)
-    heading = np.linspace(0, 2 * np.pi, ROUND, endpoint=False)
+    heading = np.linspace(0, 2 * np.pi, DOMAIN_DIRECTIONS, endpoint=False)
     sine = math.sin(angle)
-    rays = np.stack([sine * np.cos(heading), sine * np.sin(heading), np.full(ROUND, math.cos(angle))], -1)
+    rays = np.stack([sine * np.cos(heading), sine * np.sin(heading), np.full(DOMAIN_DIRECTIONS, math.cos(angle))], -1)
     u, v, _ = model.project(rays)
     box_from_camera = invert_pose(camera_from_box)
     local = np.concatenate([rays, [[0.0, 0.0, 1.0]]]) @ box_from_camera[:3, :3].T

@@ -12,10 +12,10 @@ import numpy as np
 from ..geometry import BoolArray, FloatArray
 from ..world.drive import CameraModel, RollingShutter
 
-MOST_CELLS = 1 << 23
+MAX_TABLE_CELLS = 1 << 23
 """Larger tables are not kept."""
 MAX_TABLES = 8
-ROWS_AT_ONCE = 64
+ROWS_PER_CHUNK = 64
 _tables: OrderedDict[tuple[CameraModel, int], FloatArray] = OrderedDict()
 
 
@@ -33,7 +33,7 @@ def directions(model: CameraModel, u: FloatArray, v: FloatArray) -> FloatArray:
         inside = (
             i.min(initial=0) >= 0 and j.min(initial=0) >= 0 and i.max(initial=0) < rows and j.max(initial=0) < columns
         )
-        if inside and rows * columns <= MOST_CELLS:
+        if inside and rows * columns <= MAX_TABLE_CELLS:
             return _table(model, step)[i.astype(np.int64), j.astype(np.int64)]
     return _solved(model, u, v)
 
@@ -105,7 +105,8 @@ def _table(model: CameraModel, step: int) -> FloatArray:
         rows, columns = -(-model.height // step), -(-model.width // step)
         u, v = (np.arange(columns) + 0.5) * step, (np.arange(rows) + 0.5) * step
         parts = [
-            _solved(model, *np.broadcast_arrays(u, v[i : i + ROWS_AT_ONCE, None])) for i in range(0, rows, ROWS_AT_ONCE)
+            _solved(model, *np.broadcast_arrays(u, v[i : i + ROWS_PER_CHUNK, None]))
+            for i in range(0, rows, ROWS_PER_CHUNK)
         ]
         table = _tables[key] = np.concatenate(parts)
         while len(_tables) > MAX_TABLES:

@@ -21,7 +21,7 @@ from ..sensors.error_bound import parse_bounds, sample_frames
 from ..sensors.rays import exposure_window
 from ..world.captures import Capture, CaptureKey, Moment
 from ..world.drive import Camera, Drive, Lidar
-from ..world.drive_json import TABLES, drive_to_json
+from ..world.drive_json import LIDAR_TABLES, drive_to_json
 from ..world.replay import WorldState
 
 
@@ -191,7 +191,7 @@ def _sensor_parts(sensor: Camera | Lidar, capture: Capture) -> Iterator[bytes]:
     yield sensor.model.azimuth_offset_rad.tobytes()
     yield b"" if sensor.blocked is None else sensor.blocked.tobytes()
     # as JSON, not as bytes in a row: one table is not taken for another
-    tables = {name: getattr(sensor.model, name) for name in TABLES if getattr(sensor.model, name) is not None}
+    tables = {name: getattr(sensor.model, name) for name in LIDAR_TABLES if getattr(sensor.model, name) is not None}
     if tables or sensor.phase is not None:
         turned = None if sensor.phase is None else sensor.phase.at(time_s)
         yield json.dumps(

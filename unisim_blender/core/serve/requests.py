@@ -13,11 +13,11 @@ import numpy as np
 from ..errors import short
 from ..formats.alpasim.messages import FieldError, model_of, pair_trajectory, sensorsim
 from ..geometry import Trajectory, invert_pose
-from ..world.captures import MOST_US, SECOND_US, Capture
+from ..world.captures import MAX_TIME_US, US_PER_SECOND, Capture
 from ..world.drive import Actor, Camera, Drive, Lidar, LidarModel
 from .scenes import ServedScene
 
-LONGEST_US = 10 * SECOND_US
+LONGEST_US = 10 * US_PER_SECOND
 """Longest duration of a frame."""
 MOST_OBJECTS = 2000
 MARGIN_S = 1.0
@@ -101,7 +101,7 @@ def sweep_request(scene: ServedScene, message: Any, at: str = "") -> SweepReques
         name = next(iter(lidars))
     path = pair_trajectory(message.sensor_pose, start_us, end_us, f"{at}sensor_pose")
     recorded = lidars[name]
-    model = _during(recorded.model, (end_us - start_us) / SECOND_US)
+    model = _during(recorded.model, (end_us - start_us) / US_PER_SECOND)
     lidar = replace(recorded, model=model, world_from_lidar=path, time_s={}, phase=None)
     drive = _drive(scene, lidar, path, message, (start_us, end_us), at)
     return SweepRequest(scene, drive, Capture(name, end_us))
@@ -109,8 +109,8 @@ def sweep_request(scene: ServedScene, message: Any, at: str = "") -> SweepReques
 
 def _frame(message: Any, at: str) -> tuple[int, int]:
     start_us, end_us = message.frame_start_us, message.frame_end_us
-    if start_us > MOST_US:
-        raise FieldError(f"{at}frame_start_us", f"must be at most {MOST_US}, not {start_us}")
+    if start_us > MAX_TIME_US:
+        raise FieldError(f"{at}frame_start_us", f"must be at most {MAX_TIME_US}, not {start_us}")
     if not start_us <= end_us <= start_us + LONGEST_US:
         raise FieldError(
             f"{at}frame_end_us", f"must lie from 0 to {LONGEST_US} us after the start, {start_us}, not at {end_us}"
@@ -162,6 +162,6 @@ def _actors(scene: ServedScene, objects: Any, frame_us: tuple[int, int], field: 
             raise FieldError(f"{name}.track_id", f"{short(uid)} is there twice")
         seen.add(uid)
         track = pair_trajectory(request.pose_pair, start_us, end_us, f"{name}.pose_pair")
-        start_s, end_s = start_us / SECOND_US - MARGIN_S, end_us / SECOND_US + MARGIN_S
+        start_s, end_s = start_us / US_PER_SECOND - MARGIN_S, end_us / US_PER_SECOND + MARGIN_S
         actors[uid] = replace(known[uid], world_from_actor=track, start_s=start_s, end_s=end_s, is_moving=True)
     return actors

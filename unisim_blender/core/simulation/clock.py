@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from ..sensors.rays import exposure_window
-from ..world.captures import SECOND_US, Capture, microseconds
+from ..world.captures import US_PER_SECOND, Capture, microseconds
 from ..world.drive import Camera, Drive, Lidar
 
 SUBSTEP_US = 10_000
@@ -44,7 +44,7 @@ def recorded_rate(sensor: Camera | Lidar) -> Rate:
     frame captures once a second."""
     times = sorted(microseconds(time_s) for time_s in sensor.time_s.values())
     periods = sorted(b - a for a, b in zip(times, times[1:], strict=False))
-    return Rate(max(1, periods[len(periods) // 2]) if periods else SECOND_US, times[0] if times else 0)
+    return Rate(max(1, periods[len(periods) // 2]) if periods else US_PER_SECOND, times[0] if times else 0)
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Exposure:
     def of(sensor: Camera | Lidar, capture: Capture) -> Exposure:
         """Return the exposure of a sensor's capture."""
         start_s, end_s = exposure_window(sensor, capture.time_s(sensor))
-        start, end = start_s * SECOND_US + ROUNDING_US, end_s * SECOND_US - ROUNDING_US
+        start, end = start_s * US_PER_SECOND + ROUNDING_US, end_s * US_PER_SECOND - ROUNDING_US
         return Exposure(capture, math.floor(start), math.ceil(end))
 
 
@@ -87,10 +87,10 @@ def _reach(sensor: Camera | Lidar, time_us: int) -> tuple[int, int]:
 
     With a margin of a second: read-out times differ from image to image.
     """
-    start_s, end_s = exposure_window(sensor, time_us / SECOND_US)
+    start_s, end_s = exposure_window(sensor, time_us / US_PER_SECOND)
     return (
-        time_us - math.floor(start_s * SECOND_US) + SECOND_US,
-        math.ceil(end_s * SECOND_US) - time_us + SECOND_US,
+        time_us - math.floor(start_s * US_PER_SECOND) + US_PER_SECOND,
+        math.ceil(end_s * US_PER_SECOND) - time_us + US_PER_SECOND,
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..geometry import split_trajectories
 from ..scenario import select_frames
-from ..scenario.context import MARGIN_S, SENSOR_MARGIN_S, EditContext
+from ..scenario.context import PRESENCE_MARGIN_S, SENSOR_MARGIN_S, EditContext
 from ..scenario.edit import Edit
 from ..scenario.edits.ego import Ego
 from ..scenario.edits.move import Move, moved
@@ -20,7 +20,7 @@ from ..scenario.sensors.select import select_sensors
 from ..scenario.time_range import Outside
 from ..scenario.times import actors_outside, carried_outside, recording_us
 from ..scenario.types import Scenario
-from ..world.captures import SECOND_US
+from ..world.captures import US_PER_SECOND
 from ..world.drive import Actor, Camera, Drive, Lidar
 from .world import KEY_HISTORY_S, PoseKeys, World, keys_from, since_rest
 
@@ -81,7 +81,7 @@ class ScenarioDrive:
         # the vehicle's own trajectory is the simulation's
         rules = replace(scenario, outside=Outside(actors_outside(scenario), "continue"))
         drive = carried_outside(select_frames(drive, scenario), rules, (start_us, stop_us))
-        beyond_s = stop_us / SECOND_US if stop_us > recording_us(drive)[1] else None
+        beyond_s = stop_us / US_PER_SECOND if stop_us > recording_us(drive)[1] else None
         return ScenarioDrive(drive, context, beyond_s)
 
     def drive(self) -> Drive:
@@ -101,9 +101,11 @@ class ScenarioDrive:
         It holds for exposures that begin at ``since_us`` or later, by default `KEY_HISTORY_S` before the world's time, and end at
         that: only keys around these are worked with, and the one at which a vehicle that stands came to rest.
         """
-        time_s = world.time_us / SECOND_US
+        time_s = world.time_us / US_PER_SECOND
         since_s = (
-            time_s - KEY_HISTORY_S if since_us is None else max(since_us / SECOND_US, time_s - KEY_HISTORY_S) - BEFORE_S
+            time_s - KEY_HISTORY_S
+            if since_us is None
+            else max(since_us / US_PER_SECOND, time_s - KEY_HISTORY_S) - BEFORE_S
         )
         ego = since_rest(world.ego_keys, keys_from(world.ego_keys, since_s))
         # sensors on a vehicle that stands are where they were when it came to rest; without keys it is where it was recorded
@@ -127,7 +129,7 @@ class ScenarioDrive:
         start = actor.start_s if actor.start_s > self._first_s else None
         if vanished_s is not None or self.beyond_s is None:
             return Present(start, vanished_s)
-        return Present(start, self.beyond_s + MARGIN_S if strayed else self.base.window(actor)[1])
+        return Present(start, self.beyond_s + PRESENCE_MARGIN_S if strayed else self.base.window(actor)[1])
 
     def _moved(self, world: World, since_s: float) -> dict[str, Actor]:
         """Return what the edits `move` of a world make of the actors, with the keys around what follows a time: for many of them,

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ..geometry import FloatArray, Quaternion, Vector3
-from ..world.captures import SECOND_US
+from ..world.captures import US_PER_SECOND
 from ..world.drive import Actor, Drive
 from .actors.model import ActorModel, ActorMotion, step_all
 from .actors.recording import Recording
@@ -91,7 +91,7 @@ def start(context: SimulationContext, drives: bool, ego: EgoState | None = None)
     recorded; it then arrives there straight on, at its speed.
     """
     time_us = context.start_us
-    time_s = time_us / SECOND_US
+    time_s = time_us / US_PER_SECOND
     keys: PoseKeys = ()
     begins = recorded_ego(context, time_us) if ego is None else ego
     if drives:
@@ -99,7 +99,7 @@ def start(context: SimulationContext, drives: bool, ego: EgoState | None = None)
         if ego is None:
             keys = (*recorded_keys(trajectory, None, time_s), PoseKey.on(trajectory, time_us))
         else:
-            back_us = time_us - round(BACK_S * SECOND_US)
+            back_us = time_us - round(BACK_S * US_PER_SECOND)
             away = begins.speed_m_s * BACK_S
             before = replace(
                 begins,
@@ -152,8 +152,8 @@ def advance_world(world: World, context: SimulationContext) -> World:
     motions = step_all(context.models, context.drive.actors, world.motions, world.traffic, now, later - now)
     strayed, vanished = set(world.strayed), dict(world.vanished_s)
     closes = any(exposure.end_us == later for exposure in during)
-    recorded = context.recording.poses_at(later / SECOND_US)
-    closing = context.recording.poses_at((later + CLOSING_US) / SECOND_US) if closes else {}
+    recorded = context.recording.poses_at(later / US_PER_SECOND)
+    closing = context.recording.poses_at((later + CLOSING_US) / US_PER_SECOND) if closes else {}
     keys = {}
     for uid in sorted(context.moved):
         state = motions[uid].state
@@ -161,7 +161,7 @@ def advance_world(world: World, context: SimulationContext) -> World:
         if uid not in strayed and (state.position_m, state.quaternion_wxyz) != recorded[uid]:
             strayed.add(uid)
         if uid in strayed and not state.present:
-            vanished.setdefault(uid, later / SECOND_US)
+            vanished.setdefault(uid, later / US_PER_SECOND)
         close = None if not closes else _moved_on(state) if uid in strayed else closing[uid]
         of_step = _actor_keys(context.drive.actors[uid], state, now, later, close, uid in strayed)
         keys[uid] = extended(world.keys[uid], of_step, later)
@@ -182,10 +182,10 @@ def advance_world(world: World, context: SimulationContext) -> World:
 def recorded_ego(context: SimulationContext, time_us: int) -> EgoState:
     """Return the ego vehicle's recorded state at a time: speed, acceleration and steering angle are those of its path: of
     the one from the simulation's start on, where it jumps there."""
-    vehicle, time_s = context.vehicle, time_us / SECOND_US
+    vehicle, time_s = context.vehicle, time_us / US_PER_SECOND
     times = time_s + SPEED_S * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
     first_s, last_s = context.drive.world_from_ego.times_s[[0, -1]]
-    start_s = context.start_us / SECOND_US
+    start_s = context.start_us / US_PER_SECOND
     times = np.clip(times, start_s if jumps(context.drive.world_from_ego, start_s) else first_s, last_s)
     poses = context.drive.world_from_ego.at(times)
     states = [state_of(pose, vehicle)[0] for pose in poses]
@@ -233,8 +233,8 @@ def _drive(
         if not world.ego_keys:
             return ego, []
         times = key_times(now, later, during)
-        own = recorded_keys(trajectory, now / SECOND_US, later / SECOND_US)
-        keys = [*own, *(PoseKey.of(time_us, trajectory.at(time_us / SECOND_US)) for time_us in times)]
+        own = recorded_keys(trajectory, now / US_PER_SECOND, later / US_PER_SECOND)
+        keys = [*own, *(PoseKey.of(time_us, trajectory.at(time_us / US_PER_SECOND)) for time_us in times)]
         return ego, sorted({key.time_s: key for key in keys}.values(), key=lambda key: key.time_s)
     control = track(action, world.ego, context.vehicle, now, later - now) if isinstance(action, Plan) else action
     states = {now: world.ego}
@@ -251,12 +251,12 @@ def _drive(
 def _keys_of(world: World, states: list[tuple[int, EgoState]], context: SimulationContext) -> list[PoseKey]:
     """Return the vehicle's keys in states at times, integer microseconds. Where it stands they have the same pose, to the
     bit: from step to step, too."""
-    time_s = world.time_us / SECOND_US
+    time_s = world.time_us / US_PER_SECOND
     known = {_place(world.ego): key for key in world.ego_keys if key.time_s == time_s}
     new = {_place(state): state for _, state in states if _place(state) not in known}
     poses = context.poses_of(list(new.values()))
     known |= dict(zip(new, PoseKey.all_of([0] * len(new), poses), strict=True))
-    return [replace(known[_place(state)], time_s=time_us / SECOND_US) for time_us, state in states]
+    return [replace(known[_place(state)], time_s=time_us / US_PER_SECOND) for time_us, state in states]
 
 
 def _place(state: EgoState) -> tuple[float, float, float]:
@@ -269,15 +269,15 @@ def _actor_keys(
     """Yield the keys that an actor gets during a step: one at its end, the recorded ones while it has not strayed, and one that
     closes an exposure, at ``close``."""
     if not strayed:
-        yield from recorded_keys(actor.world_from_actor, now / SECOND_US, later / SECOND_US)
-    yield PoseKey(later / SECOND_US, state.position_m, state.quaternion_wxyz)
+        yield from recorded_keys(actor.world_from_actor, now / US_PER_SECOND, later / US_PER_SECOND)
+    yield PoseKey(later / US_PER_SECOND, state.position_m, state.quaternion_wxyz)
     if close is not None:
-        yield PoseKey((later + CLOSING_US) / SECOND_US, *close)
+        yield PoseKey((later + CLOSING_US) / US_PER_SECOND, *close)
 
 
 def _moved_on(state: ActorState) -> tuple[Vector3, Quaternion]:
     """Return where an actor is when an exposure is closed, at its velocity."""
-    ahead = state.speed_m_s * CLOSING_US / SECOND_US
+    ahead = state.speed_m_s * CLOSING_US / US_PER_SECOND
     x, y, z = state.position_m
     place = (x + ahead * math.cos(state.heading_rad), y + ahead * math.sin(state.heading_rad), z)
     return place, state.quaternion_wxyz

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..geometry import FloatArray, Quaternion, Trajectory, Vector3, quaternion_from_matrix
-from ..world.captures import SECOND_US
+from ..world.captures import US_PER_SECOND
 from .actors.model import ActorMotion
 from .states import EgoState, Traffic
 from .vehicle.actions import Control, Plan
@@ -49,17 +49,17 @@ class PoseKey:
         """Return the keys of poses (N, 4, 4)."""
         places, turns = poses[:, :3, 3].tolist(), quaternion_from_matrix(poses[:, :3, :3]).tolist()
         return [
-            PoseKey(time_us / SECOND_US, (x, y, z), (a, b, c, d))
+            PoseKey(time_us / US_PER_SECOND, (x, y, z), (a, b, c, d))
             for time_us, (x, y, z), (a, b, c, d) in zip(times_us, places, turns, strict=True)
         ]
 
     @staticmethod
     def on(trajectory: Trajectory, time_us: int) -> PoseKey:
         """Return the key of a trajectory's pose at a time: its own key to the bit, where it has one there."""
-        place, quaternion = trajectory.placed_at(time_us / SECOND_US)
+        place, quaternion = trajectory.placed_at(time_us / US_PER_SECOND)
         x, y, z = place.tolist()
         a, b, c, d = quaternion.tolist()
-        return PoseKey(time_us / SECOND_US, (x, y, z), (a, b, c, d))
+        return PoseKey(time_us / US_PER_SECOND, (x, y, z), (a, b, c, d))
 
 
 PoseKeys = tuple[PoseKey, ...]
@@ -92,7 +92,7 @@ def jumps(trajectory: Trajectory, time_s: float) -> bool:
     at = int(np.searchsorted(trajectory.times_s, time_s - CLOSE_S))
     if at == 0 or at == len(trajectory.times_s) or trajectory.times_s[at] > time_s + CLOSE_S:
         return False
-    return bool(time_s - trajectory.times_s[at - 1] < JUMP_US / SECOND_US + CLOSE_S)
+    return bool(time_s - trajectory.times_s[at - 1] < JUMP_US / US_PER_SECOND + CLOSE_S)
 
 
 def extended(keys: PoseKeys, new: Iterable[PoseKey], time_us: int, carries: bool = False) -> PoseKeys:
@@ -100,7 +100,7 @@ def extended(keys: PoseKeys, new: Iterable[PoseKey], time_us: int, carries: bool
     ``carries``: they are of the vehicle, and sensors ride on it (`since_rest`)."""
     last = keys[-1].time_s if keys else None
     joined = (*keys, *(key for key in new if last is None or key.time_s > last))
-    recent = keys_from(joined, time_us / SECOND_US - KEY_HISTORY_S)
+    recent = keys_from(joined, time_us / US_PER_SECOND - KEY_HISTORY_S)
     return since_rest(joined, recent) if carries else recent
 
 

@@ -18,21 +18,21 @@ from numpy.typing import NDArray
 from ..geometry import BoolArray, FloatArray, Quaternion, Trajectory, Vector3, quaternion_from_yaw, slerp
 from .polyline import Polyline, spaced
 
-LEAST_KEY_M = 0.2
+MIN_KEY_DISTANCE_M = 0.2
 """Keys nearer to each other than this are noise of labels: the way that they wander would be added to the path's length."""
-LEAST_LENGTH_M = 1.0
+MIN_MOVING_LENGTH_M = 1.0
 """Shortest path of an actor that counts as moving, metres."""
-STANDING_S = 1.0
-"""Shortest time within `LEAST_KEY_M` that counts as a stop, seconds."""
-STANDING_M_S = 0.3
+MIN_STOP_S = 1.0
+"""Shortest time within `MIN_KEY_DISTANCE_M` that counts as a stop, seconds."""
+STANDING_SPEED_M_S = 0.3
 """Speed below which an actor stands, metres per second."""
 SPEED_WINDOW_S = 0.25
 """Recorded speeds are means over this time before and after: differences of single keys are mostly noise."""
-PASSED_M = 0.5
+STOP_TOLERANCE_M = 0.5
 """A stop that lies no further back is still one to stand at."""
-SLOPE_M = 20.0
+END_SLOPE_LENGTH_M = 20.0
 """Beyond its end a path keeps the slope of this last part."""
-STEEPEST = 0.2
+MAX_SLOPE = 0.2
 _FAR_M = 1e6
 
 
@@ -71,7 +71,7 @@ class ActorPath:
         positions, quaternions = trajectory.placed_at(times)
         keys = _apart(positions, times)
         distances = np.linalg.norm(np.diff(positions[keys, :2], axis=0), axis=1)
-        if distances.sum() < LEAST_LENGTH_M:
+        if distances.sum() < MIN_MOVING_LENGTH_M:
             return None
         s = np.concatenate([[0.0], np.cumsum(distances)])
         leaves = _leaves(trajectory, times, keys, start_s, end_s)
@@ -80,7 +80,7 @@ class ActorPath:
         stops = [
             Stop(float(s[key]), math.inf if key == len(keys) - 1 else float(leaves[key]))
             for key in range(len(keys))
-            if leaves[key] - arrivals[key] >= STANDING_S
+            if leaves[key] - arrivals[key] >= MIN_STOP_S
         ]
         return ActorPath(s, positions[keys], quaternions[keys], speeds, tuple(stops), arrivals, leaves, ends)
 
@@ -113,10 +113,10 @@ class ActorPath:
     def _end(self) -> tuple[FloatArray, float]:
         """The direction (3,) of the way beyond the end, of length 1 in the plane, and its heading."""
         heading, gear = float(self.headings_rad[-1]), self._gears[-1]
-        first = float(np.interp(max(self.length_m - SLOPE_M, 0.0), self.s_m, self.positions[:, 2]))
-        run = min(self.length_m, SLOPE_M)
-        slope = (float(self.positions[-1, 2]) - first) / run if run >= SLOPE_M / 2 else 0.0
-        slope = min(max(slope, -STEEPEST), STEEPEST)
+        first = float(np.interp(max(self.length_m - END_SLOPE_LENGTH_M, 0.0), self.s_m, self.positions[:, 2]))
+        run = min(self.length_m, END_SLOPE_LENGTH_M)
+        slope = (float(self.positions[-1, 2]) - first) / run if run >= END_SLOPE_LENGTH_M / 2 else 0.0
+        slope = min(max(slope, -MAX_SLOPE), MAX_SLOPE)
         return np.array([gear * math.cos(heading), gear * math.sin(heading), slope]), heading
 
     @cached_property
@@ -265,11 +265,11 @@ def recorded_speeds(trajectory: Trajectory, times_s: FloatArray, start_s: float,
 
 
 def _apart(positions: FloatArray, times_s: FloatArray) -> NDArray[np.int64]:
-    """Return which of positions (T, 3) are kept so that each is `LEAST_KEY_M` from the kept one before; the last one always,
-    unless the recording stands there."""
-    keys = spaced(positions[:, :2], LEAST_KEY_M)
+    """Return indices of positions (T, 3) that are `MIN_KEY_DISTANCE_M` or more apart, and that of the last position, unless the
+    recording stands there."""
+    keys = spaced(positions[:, :2], MIN_KEY_DISTANCE_M)
     rest = float(np.linalg.norm(positions[-1, :2] - positions[keys[-1], :2]))
-    if rest > 1e-3 and times_s[-1] - times_s[keys[-1]] < STANDING_S:
+    if rest > 1e-3 and times_s[-1] - times_s[keys[-1]] < MIN_STOP_S:
         return np.append(keys, len(positions) - 1)
     return keys
 
@@ -278,7 +278,7 @@ def _leaves(
     trajectory: Trajectory, times_s: FloatArray, keys: NDArray[np.int64], start_s: float, end_s: float
 ) -> FloatArray:
     """Return when the recording left each kept key: when it last stood before it came to the next one."""
-    stands: BoolArray = recorded_speeds(trajectory, times_s, start_s, end_s) < STANDING_M_S
+    stands: BoolArray = recorded_speeds(trajectory, times_s, start_s, end_s) < STANDING_SPEED_M_S
     leaves = times_s[keys].copy()
     for key, (first, end) in enumerate(zip(keys, [*keys[1:], len(times_s)], strict=True)):
         last = np.flatnonzero(stands[first:end])
@@ -303,8 +303,8 @@ def _slerp(a: Sequence[float], b: Sequence[float], u: float) -> Quaternion:
     return w / norm, x / norm, y / norm, z / norm
 
 
-_SPACING_M = 0.5
-_STEEPEST_RAD = 0.6
+_KEY_SPACING_M = 0.5
+_MAX_JOIN_ANGLE_RAD = 0.6
 """A join starts at this angle to its path at most; what is beyond is turned along the way."""
 
 
@@ -318,7 +318,7 @@ def joined(
     without curvature of its own. ``keeps_height``: the height above the path stays what it is at the start; otherwise it, and
     always what the pose has of roll and pitch, goes over into the path's.
     """
-    count = max(int(math.ceil(length_m / _SPACING_M)), 2)
+    count = max(int(math.ceil(length_m / _KEY_SPACING_M)), 2)
     inner = s_m + np.arange(count + 1) * (length_m / count)
     beyond = path.s_m[path.s_m > inner[-1] + 1e-3]
     at = np.concatenate([inner, beyond])
@@ -329,7 +329,7 @@ def joined(
     sine, cosine = math.sin(headings[0]), math.cos(headings[0])
     left_0, ahead_0 = cosine * offset[1] - sine * offset[0], cosine * offset[0] + sine * offset[1]
     turn_0 = math.remainder(float(yaw_of(np.array(quaternion_wxyz))) - headings[0], math.tau)
-    turn_0 = min(max(turn_0, -_STEEPEST_RAD), _STEEPEST_RAD)
+    turn_0 = min(max(turn_0, -_MAX_JOIN_ANGLE_RAD), _MAX_JOIN_ANGLE_RAD)
 
     u = np.clip((at - s_m) / length_m, 0.0, 1.0)
     left, slope = quintic(u, left_0 - left_m, gear * math.tan(turn_0) * length_m)
@@ -351,7 +351,9 @@ def joined(
     s = np.concatenate([[0.0], np.cumsum(lengths)])
     speeds = np.interp(at, path.s_m, path.speeds_m_s)
     stops = tuple(
-        replace(stop, s_m=float(np.interp(stop.s_m, at, s))) for stop in path.stops if stop.s_m >= s_m - PASSED_M
+        replace(stop, s_m=float(np.interp(stop.s_m, at, s)))
+        for stop in path.stops
+        if stop.s_m >= s_m - STOP_TOLERANCE_M
     )
     return ActorPath(s[distinct], new[distinct], turned[distinct], speeds[distinct], stops, ends=path.ends)
 

@@ -13,19 +13,19 @@ from dataclasses import dataclass
 
 from .drive import Camera, Drive, Lidar
 
-SECOND_US = 1_000_000
-MOST_US = 10**13
+US_PER_SECOND = 1_000_000
+MAX_TIME_US = 10**13
 """Bound of the absolute value of times."""
-_FRAME = re.compile(r"-?\d{1,18}")
-_TIME = re.compile(r"([nt])(\d{13})us")
-_NO_BYTE = 256
+_FRAME_NAME = re.compile(r"-?\d{1,18}")
+_TIME_NAME = re.compile(r"([nt])(\d{13})us")
+_SEED_SEPARATOR = 256
 """Separates a time from a sensor's name in a seed. No byte of a name has this value, so seeds of times and
 of frames differ."""
 
 
 def microseconds(time_s: float) -> int:
     """Return a time in seconds as the nearest integer microseconds."""
-    return round(time_s * SECOND_US)
+    return round(time_s * US_PER_SECOND)
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Capture:
 
     def time_s(self, sensor: Camera | Lidar) -> float:
         """Return the time in seconds; for a frame of the log, the sensor's own timestamp, to the bit."""
-        return self.time_us / SECOND_US if self.frame is None else sensor.time_s[self.frame]
+        return self.time_us / US_PER_SECOND if self.frame is None else sensor.time_s[self.frame]
 
     def seed(self, seed: int) -> list[int]:
         """Return a seed for numpy's generators, derived from ``seed``, the sensor, and the frame (or the time
@@ -58,7 +58,7 @@ class Capture:
         name = self.sensor_id.encode()
         if self.frame is not None:
             return [seed, self.frame, *name]
-        return [seed, 2 * abs(self.time_us) + (self.time_us < 0), _NO_BYTE, *name]
+        return [seed, 2 * abs(self.time_us) + (self.time_us < 0), _SEED_SEPARATOR, *name]
 
 
 CaptureKey = int | str
@@ -112,7 +112,7 @@ class Moment:
 
     def time_s(self, drive: Drive) -> float:
         """Return the time in seconds; for a frame of the log, its own time, to the bit."""
-        return self.time_us / SECOND_US if self.frame is None else drive.time_s[self.frame]
+        return self.time_us / US_PER_SECOND if self.frame is None else drive.time_s[self.frame]
 
 
 def frame_name(frame: int) -> str:
@@ -126,7 +126,7 @@ def time_name(time_us: int) -> str:
     Names sort by time, after those of frames. Times before the log's first frame count from -10^13, so that they sort,
     too: -0.5 s is "n9999999500000us".
     """
-    return f"t{time_us:013d}us" if time_us >= 0 else f"n{MOST_US + time_us:013d}us"
+    return f"t{time_us:013d}us" if time_us >= 0 else f"n{MAX_TIME_US + time_us:013d}us"
 
 
 def name_of(key: CaptureKey) -> str:
@@ -136,7 +136,7 @@ def name_of(key: CaptureKey) -> str:
 
 def key_of(name: str) -> CaptureKey:
     """Return the key of the moment whose files have this name: the inverse of `name_of`. Raises ValueError."""
-    if _FRAME.fullmatch(name):
+    if _FRAME_NAME.fullmatch(name):
         return int(name)
     time_of_name(name)
     return name
@@ -144,10 +144,10 @@ def key_of(name: str) -> CaptureKey:
 
 def time_of_name(name: str) -> int:
     """Return the time in microseconds whose files have this name: the inverse of `time_name`. Raises ValueError."""
-    match = _TIME.fullmatch(name)
+    match = _TIME_NAME.fullmatch(name)
     if match is None:
         raise ValueError(f"{name!r} is neither a frame's nor a time's name")
-    return int(match[2]) - (MOST_US if match[1] == "n" else 0)
+    return int(match[2]) - (MAX_TIME_US if match[1] == "n" else 0)
 
 
 def in_order(keys: Iterable[CaptureKey]) -> list[CaptureKey]:

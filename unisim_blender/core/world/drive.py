@@ -141,7 +141,7 @@ class CameraModel:
         )
 
 
-MOST_CELLS = 1 << 23
+MAX_LIDAR_CELLS = 1 << 23
 """Beams x columns of a LiDAR. One of 128 beams and 36 000 columns has half as many."""
 
 
@@ -173,8 +173,8 @@ class LidarModel:
     beam_time_s: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        if self.beams * self.columns > MOST_CELLS:
-            raise ValueError(f"{self.beams} beams x {self.columns} columns are more than {MOST_CELLS} cells")
+        if self.beams * self.columns > MAX_LIDAR_CELLS:
+            raise ValueError(f"{self.beams} beams x {self.columns} columns are more than {MAX_LIDAR_CELLS} cells")
         counts = {"column_azimuth_rad": self.columns, "column_time_s": self.columns, "beam_time_s": self.beams}
         for name, count in counts.items():
             table = getattr(self, name)

@@ -31,8 +31,8 @@ from .drive import (
     StaticCopy,
 )
 
-NUMBERS = ("sweep_s", "start_azimuth_rad", "time_offset_s", "min_range_m", "max_range_m")
-TABLES = ("column_azimuth_rad", "column_time_s", "beam_time_s")
+LIDAR_NUMBERS = ("sweep_s", "start_azimuth_rad", "time_offset_s", "min_range_m", "max_range_m")
+LIDAR_TABLES = ("column_azimuth_rad", "column_time_s", "beam_time_s")
 """Those that a table of even columns lacks."""
 
 
@@ -54,10 +54,10 @@ def read_lidar_model(node: Node) -> LidarModel:
     columns, direction = node.key("columns").integer(at_least=1), node.key("direction").integer()
     if direction not in (-1, 1):
         node.key("direction").fail(f"must be -1 or 1, not {direction}")
-    there = [name for name in TABLES if name in node.object()]
-    counts = dict(zip(TABLES, (columns, columns, len(elevation)), strict=True))
+    there = [name for name in LIDAR_TABLES if name in node.object()]
+    counts = dict(zip(LIDAR_TABLES, (columns, columns, len(elevation)), strict=True))
     tables: dict[str, Any] = {name: node.key(name).array(counts[name]) for name in there}
-    numbers: dict[str, Any] = {name: node.key(name).number() for name in NUMBERS}
+    numbers: dict[str, Any] = {name: node.key(name).number() for name in LIDAR_NUMBERS}
     try:
         return LidarModel(elevation, offset, columns=columns, direction=direction, **numbers, **tables)
     except ValueError as fault:
@@ -78,13 +78,13 @@ def read_phase(node: Node) -> SpinPhase:
     return SpinPhase(times, turned)
 
 
-AXES = ("rows", "columns")
+SHUTTER_AXES = ("rows", "columns")
 
 
 def read_shutter(node: Node) -> RollingShutter:
     """Return the shutter of `RollingShutter.to_dict`; one without ``axis``, as earlier files have it, reads rows."""
     axis = node.key("axis").text() if "axis" in node.object() else "rows"
-    if axis not in AXES:
+    if axis not in SHUTTER_AXES:
         node.key("axis").fail(f'must be "rows" or "columns", not "{axis}"')
     return RollingShutter(node.key("duration_s").number(), node.key("reference").number(), axis)
 

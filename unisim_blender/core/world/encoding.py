@@ -20,13 +20,13 @@ import numpy as np
 from ..errors import UnisimError
 from ..geometry import FloatArray, Trajectory
 from .drive import Actor, Appearance, Box, Camera, CameraModel, Lidar, LidarModel, Readouts, SpinPhase, StaticCopy
-from .drive_json import TABLES
+from .drive_json import LIDAR_TABLES
 from .replay import WorldState
 
-VERSION = 1
+ENCODING_VERSION = 1
 MAGIC = b"UWS"
 DIGEST_BYTES = 16
-MOST_NUMBERS = 1 << 24
+MAX_NUMBERS = 1 << 24
 _HEAD = struct.Struct("<3sBI")
 
 
@@ -86,11 +86,13 @@ def encode_sensor(sensor: Camera | Lidar, start_s: float, end_s: float) -> str:
             numbers = [*numbers, sensor.readouts.times_s, sensor.readouts.stretch]
     else:
         trajectory = sensor.world_from_lidar.between(start_s, end_s)
-        more = [name for name in TABLES if getattr(sensor.model, name) is not None]
+        more = [name for name in LIDAR_TABLES if getattr(sensor.model, name) is not None]
         tables = ("elevation_rad", "azimuth_offset_rad", *more)
         header = {
             "kind": "lidar",
-            "model": {name: value for name, value in asdict(sensor.model).items() if name not in (*tables, *TABLES)},
+            "model": {
+                name: value for name, value in asdict(sensor.model).items() if name not in (*tables, *LIDAR_TABLES)
+            },
             "beams": sensor.model.beams,
             "blocked": None
             if sensor.blocked is None
@@ -123,7 +125,7 @@ def decode_sensor(text: str) -> Camera | Lidar:
         else:
             beams, columns = header["beams"], header["model"]["columns"]
             elevation, offset = numbers.take(beams), numbers.take(beams)
-            counts = dict(zip(TABLES, (columns, columns, beams), strict=True))
+            counts = dict(zip(LIDAR_TABLES, (columns, columns, beams), strict=True))
             tables: dict[str, Any] = {name: numbers.take(counts[name]) for name in header.get("tables", ())}
             phases = header.get("phases")
             phase = None if phases is None else SpinPhase(numbers.take(phases), numbers.take(phases))
@@ -185,7 +187,7 @@ def _box(box: Box) -> list[FloatArray]:
 def _packed(header: dict[str, Any], numbers: Iterable[FloatArray]) -> str:
     head = json.dumps(header, separators=(",", ":")).encode()
     body = b"".join(np.ascontiguousarray(part, "<f8").tobytes() for part in numbers)
-    data = _HEAD.pack(MAGIC, VERSION, len(head)) + head + body
+    data = _HEAD.pack(MAGIC, ENCODING_VERSION, len(head)) + head + body
     return base64.b64encode(data + _digest(data)).decode()
 
 
@@ -199,12 +201,14 @@ def _unpacked(text: str, *kinds: str) -> tuple[dict[str, Any], _Numbers]:
     if len(data) < _HEAD.size + DIGEST_BYTES or data[:3] != MAGIC:
         raise EncodingError(f"{what} is no encoding of one")
     _, version, length = _HEAD.unpack_from(data)
-    if version != VERSION:
-        raise EncodingError(f"{what} has version {version}, not {VERSION}: it is of another version of the extension")
+    if version != ENCODING_VERSION:
+        raise EncodingError(
+            f"{what} has version {version}, not {ENCODING_VERSION}: it is of another version of the extension"
+        )
     if _digest(data[:-DIGEST_BYTES]) != data[-DIGEST_BYTES:]:
         raise EncodingError(f"{what} is damaged: its digest is another one")
     body = data[_HEAD.size + length : -DIGEST_BYTES]
-    if len(body) % 8 or len(body) > 8 * MOST_NUMBERS or _HEAD.size + length > len(data) - DIGEST_BYTES:
+    if len(body) % 8 or len(body) > 8 * MAX_NUMBERS or _HEAD.size + length > len(data) - DIGEST_BYTES:
         raise EncodingError(f"{what} has {len(body)} bytes of numbers, which is not a whole number of them")
     try:
         header = json.loads(data[_HEAD.size : _HEAD.size + length])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..geometry import FloatArray
 
-PULL = 0.1
+ALONG_WEIGHT = 0.1
 """A metre along a polyline counts so much of a metre aside, where it passes a point more than once."""
 
 
@@ -76,7 +76,7 @@ class Polyline:
         on = np.clip(to_x * dx + to_y * dy, lows, highs)
         squared = np.square(to_x - on * dx) + np.square(to_y - on * dy)
         along = arcs + on
-        i = int(np.argmin(squared if near_m is None else squared + np.square(PULL * (along - near_m))))
+        i = int(np.argmin(squared if near_m is None else squared + np.square(ALONG_WEIGHT * (along - near_m))))
         if near_m is not None:  # the pull chooses the part, the distance the place on it
             while i > 0 and squared[i - 1] < squared[i]:
                 i -= 1

@@ -80,7 +80,7 @@ class StateSource(Protocol):
         ...
 
 
-AT_ONCE = 1 << 24
+MAX_COMPARISONS = 1 << 24
 """Largest number of comparisons of keys with times that are made at once; beyond it, as for a long drive, rows are
 searched one by one."""
 
@@ -126,7 +126,7 @@ class PaddedKeys:
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], FloatArray]:
         """Return rows (A, 1), the keys (A, T) before times (T,) and after, and how far each time is between them."""
         single = self.lengths[:, None] == 1
-        if self.times_s.size * len(times_s) <= AT_ONCE:
+        if self.times_s.size * len(times_s) <= MAX_COMPARISONS:
             before = (self.times_s[:, None] <= times_s[None, :, None]).sum(-1) - 1
         else:
             before = np.array([np.searchsorted(row, times_s, "right") for row in self.times_s]) - 1

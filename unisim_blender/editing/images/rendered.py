@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...core.output.video import playback
-from ...core.world.captures import SECOND_US, frame_name, key_of, time_name, time_of_name
+from ...core.world.captures import US_PER_SECOND, frame_name, key_of, time_name, time_of_name
 
 FRESH_S = 1.0
 """Time for which a listing of a folder counts as new, in seconds: a panel asks at every redraw."""
@@ -87,7 +87,7 @@ def player_command(blender: str, frames: RenderedFrames, fps: float, fps_base: f
     times are played as fast as they were taken: through links in a folder that is removed when this process ends.
     Raises OSError where they cannot be linked."""
     if frames.times_us:
-        fps, counts = playback([time_us / SECOND_US for time_us in frames.times_us], fps / fps_base)
+        fps, counts = playback([time_us / US_PER_SECOND for time_us in frames.times_us], fps / fps_base)
         paths = [frames.folder / f"{time_name(time_us)}{SUFFIX}" for time_us in frames.times_us]
         first, count = _linked([path for path, shown in zip(paths, counts, strict=True) for _ in range(shown)])
         fps_base = 1.0

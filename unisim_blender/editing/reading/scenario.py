@@ -28,7 +28,7 @@ from ...core.scenario.sensors.document import CameraSpec, LidarSpec, Sensors
 from ...core.scenario.time_range import TimeRange, Times
 from ...core.scenario.times import scenario_times_us, sensors_with_times
 from ...core.scenario.types import FrameRange, Outputs, Scenario
-from ...core.world.captures import SECOND_US, CaptureKey, time_name
+from ...core.world.captures import US_PER_SECOND, CaptureKey, time_name
 from ...core.world.drive import Drive
 from .. import readers  # noqa: F401 so that all are registered
 from ..edits.lines import EditLine, problem_line
@@ -178,7 +178,7 @@ def span_s(scenario: Scenario, drive: Drive) -> tuple[float, float] | None:
     Raises `ScenarioError`."""
     times, own = scenario_times_us(scenario, drive)
     every = [time for some in (times or (), *own.values()) for time in some]
-    return (min(every) / SECOND_US, max(every) / SECOND_US) if every else None
+    return (min(every) / US_PER_SECOND, max(every) / US_PER_SECOND) if every else None
 
 
 @lru_cache(maxsize=8)  # a panel asks at every redraw

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.geometry import BoolArray, FloatArray, nearest_rotation
-from ...core.scenario.edits.scale import BOUNDS, scales
+from ...core.scenario.edits.scale import SIZE_FACTOR_BOUNDS, scales
 from ...core.world.drive import Actor, CameraModel, Drive
 from ..texts import Text
 from .clock import Clock, recorded_poses, recorded_there
@@ -185,7 +185,7 @@ def refusal(name: str, scaling: Scaling) -> str:
     if not scales(scaling.factors):
         return Text(
             'object "{name}": is scaled by {factors}; along each axis an actor can be scaled by {least:g} to {most:g}',
-            name=name, factors=scale_text(scaling.factors), least=BOUNDS[0], most=BOUNDS[1],
+            name=name, factors=scale_text(scaling.factors), least=SIZE_FACTOR_BOUNDS[0], most=SIZE_FACTOR_BOUNDS[1],
         )  # fmt: skip
     return ""
 

@@ -16,7 +16,7 @@ from ...core.scenario.edits import Ego, Move
 from ...core.scenario.motion.keys import Keyframe, Present
 from ...core.scenario.types import Scenario
 from ...core.simulation.world import CLOSE_S, JUMP_US
-from ...core.world.captures import SECOND_US
+from ...core.world.captures import US_PER_SECOND
 from ...core.world.drive import Actor, Drive
 from ..sampled.clock import Clock
 from ..sampled.scene import differ, same
@@ -115,7 +115,7 @@ def _actor_edits(
         keys = _standing(before.world_from_actor, clock)
         return [
             *known,
-            Move(uid, trajectory=keys, present=_present(before.start_s, start_s - JUMP_US / SECOND_US, clock)),
+            Move(uid, trajectory=keys, present=_present(before.start_s, start_s - JUMP_US / US_PER_SECOND, clock)),
         ]
     assert now is not None  # added since
     keys = _standing(now.world_from_actor, clock)
@@ -124,7 +124,7 @@ def _actor_edits(
 
 def _cut(before: Trajectory, after: Trajectory, start_s: float, clock: Clock) -> tuple[Keyframe, ...]:
     """Return the keys of one trajectory up to a time and of another from then on."""
-    jump_s = start_s - JUMP_US / SECOND_US
+    jump_s = start_s - JUMP_US / US_PER_SECOND
     keys = _keys(before, clock)
     earlier = [key for key in keys if key[0] < jump_s - CLOSE_S]
     then = [key for key in _keys(after, clock) if key[0] > start_s + CLOSE_S]

@@ -22,7 +22,7 @@ from ...core.scenario.types import Scenario
 from ...core.simulation.rollout.steps import RolloutStep
 from ...core.simulation.vehicle.actions import Plan
 from ...core.simulation.vehicle.parameters import Vehicle
-from ...core.world.captures import SECOND_US
+from ...core.world.captures import US_PER_SECOND
 from ..reading.scenario import write_scenario
 from ..texts import Text, translatable
 
@@ -151,9 +151,11 @@ def read_rollout(folder: Path) -> RolloutTimes:
             raise OutputError(f"{path}: line {number} is no step of a rollout: {in_a_line(fault)}") from fault
     if not steps:
         raise OutputError(f"{path}: holds no step")
-    times = np.array([step.time_us for step in steps]) / SECOND_US
+    times = np.array([step.time_us for step in steps]) / US_PER_SECOND
     plans = [
-        PlannedPath(float(asked), step.action.times_us / SECOND_US, np.stack([step.action.x_m, step.action.y_m], -1))
+        PlannedPath(
+            float(asked), step.action.times_us / US_PER_SECOND, np.stack([step.action.x_m, step.action.y_m], -1)
+        )
         for asked, step in zip(times, steps[1:], strict=False)
         if isinstance(step.action, Plan)
     ]

@@ -18,12 +18,12 @@ from ...core.errors import UnisimError
 from ...core.scenario import scenario_from_json, scenario_to_json
 from ...core.scenario.edit import Edit
 from ...core.scenario.schema import first_fault
-from ...core.scenario.simulation import OTHERS, SimulationSpec
+from ...core.scenario.simulation import OTHER_ACTORS, SimulationSpec
 from ...core.scenario.times import recording_us
 from ...core.scenario.types import Outputs, Scenario
 from ...core.simulation.actors import models as _registers_them  # noqa: F401
 from ...core.simulation.actors.model import MODELS, Model, Schema, model_from_dict, model_schema
-from ...core.world.captures import SECOND_US
+from ...core.world.captures import US_PER_SECOND
 from ...core.world.drive import Drive
 from ..texts import translatable
 
@@ -265,7 +265,7 @@ def simulation_of(text: str, actors: Mapping[str, str], known: Iterable[str]) ->
     """Return the simulation of a text, with ``actors``' models as texts by id, of which only those of ``known`` ids and
     the others' count; None where nothing is stated. Raises `ScenarioError`."""
     document = _read(text)
-    ids = {*known, OTHERS}
+    ids = {*known, OTHER_ACTORS}
     models = {
         **document.pop("actors", {}),
         **{
@@ -337,7 +337,7 @@ def count_steps(scenario: Scenario, recorded: Drive) -> int:
     says."""
     first_us, last_us = recording_us(recorded)
     spec = scenario.simulation
-    start = first_us / SECOND_US if spec is None or spec.start_s is None else spec.start_s
-    length = last_us / SECOND_US - start if spec is None or spec.duration_s is None else spec.duration_s
+    start = first_us / US_PER_SECOND if spec is None or spec.start_s is None else spec.start_s
+    length = last_us / US_PER_SECOND - start if spec is None or spec.duration_s is None else spec.duration_s
     step = STEP_S if spec is None or spec.step_s is None else spec.step_s
     return max(1, math.ceil(round(length / step, 6)))

@@ -3,11 +3,12 @@
 import bpy
 from bpy.props import IntProperty
 
-from ...bridge.importing.rig_presets import built_in_presets, own_presets
+from ...bridge.importing.rig_presets import own_presets
 from ...bridge.objects.imported import source_of
 from ...bridge.views.sensor_facts import KINDS, card_of_sensor, size_of_sensor
 from ...bridge.window import choose
 from ...core.errors import UnisimError
+from ...core.rigs import built_in_rigs
 from ...core.world.drive import Drive
 from ...editing.sensors.names import rate_of
 from ...editing.texts import translatable
@@ -98,7 +99,7 @@ class UNISIM_MT_rig_presets(bpy.types.Menu):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw all presets by their files' names."""
         layout = self.layout
-        built_in = translatable("Built-in"), translatable("Built-in: none yet"), built_in_presets()
+        built_in = translatable("Built-in"), translatable("Built-in: none yet"), built_in_rigs()
         own = translatable("Own"), translatable("Own: none yet"), own_presets()
         for title, nothing, files in (built_in, own):
             layout.label(text=title if files else nothing)

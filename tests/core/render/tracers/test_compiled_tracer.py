@@ -20,11 +20,11 @@ from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.meshes.hits import MeshHits
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.render.quality import QUALITIES
-from unisim_blender.core.render.tracer import TraceResult, tiled
+from unisim_blender.core.render.tracer import Tracer, TraceResult, tiled
 from unisim_blender.core.render.tracers.compiled import tracer as compiled_tracer
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
-from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend, CompiledTracer
-from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
+from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
+from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sensors.rays import Rays
@@ -47,7 +47,7 @@ def both_backends(
 
 def both(
     folder: Path, drive: Drive, quality: str = "reference", other: Path | None = None
-) -> tuple[CompiledTracer, TorchTracer]:
+) -> tuple[Tracer[Any], Tracer[Any]]:
     fast, slow = both_backends(folder, quality, other)
     return bound_to(fast, drive), bound_to(slow, drive)
 
@@ -76,7 +76,7 @@ def close(a: Any, b: Any, shape: tuple[int, ...], within: float) -> None:
         )
 
 
-def same_find(a: TraceResult, b: TraceResult, shape: tuple[int, ...], within: float = 2e-3) -> None:
+def same_find(a: TraceResult[Any], b: TraceResult[Any], shape: tuple[int, ...], within: float = 2e-3) -> None:
     close(a.feature, b.feature, shape, within)
     close(a.opacity, b.opacity, shape, within)
     close(a.depth_m, b.depth_m, shape, 5 * within)
@@ -173,7 +173,7 @@ def test_foreign_actors_and_meshes(tmp_path: Path, meshes: bool) -> None:
     close(returns[0][1], returns[1][1], shape, 5e-3)
 
 
-def bits(found: TraceResult) -> dict[str, NDArray[Any]]:
+def bits(found: TraceResult[Any]) -> dict[str, NDArray[Any]]:
     return {"feature": found.feature, "depth_m": found.depth_m, "opacity": found.opacity, **found.maps}
 
 

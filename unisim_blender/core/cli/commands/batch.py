@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ...batch.plan import MOMENTS
+from ...batch.plan import MOMENTS_PER_UNIT
 from ...batch.schedulers import SCHEDULERS, ShardedBatch
 from ...batch.status import clock_text
 from ...errors import UnisimError
@@ -66,7 +66,9 @@ def shard_of(context: click.Context, option: click.Parameter, value: str | None)
     help="GPUs that Ray gives each worker, or the share of one. [default: 1 with --device cuda]",
 )
 @click.option("--resume", is_flag=True, help="Continue a batch that was interrupted; finished units are kept.")
-@click.option("--unit", type=click.IntRange(min=1), default=MOMENTS, show_default=True, help="Moments of a unit.")
+@click.option(
+    "--unit", type=click.IntRange(min=1), default=MOMENTS_PER_UNIT, show_default=True, help="Moments of a unit."
+)
 @click.option(
     "--units",
     metavar="I/N",

@@ -85,13 +85,13 @@ def command(
     resume: bool,
 ) -> None:
     """Let a driver drive through SCENARIO, or a log: what it did and saw, and the scenario that it made."""
-    from ...scenario.simulation import OTHERS, SimulationSpec
+    from ...scenario.simulation import OTHER_ACTORS, SimulationSpec
     from ...simulation.drivers import Endpoint, driver_named
     from ...simulation.rollout.run import Seeds, complete, run_seeds
     from ...simulation.rollout.setup import note_scenario, open_scenario
     from ...simulation.scores.summary import score_table
 
-    models = None if actors is None else {OTHERS: {"type": actors}}
+    models = None if actors is None else {OTHER_ACTORS: {"type": actors}}
     asked = SimulationSpec(start_s, duration_s, step_s, delay_s, seed, actors=models)
     if driver_ca is not None and driver_address is None:
         raise UnisimError(f"--driver-ca {driver_ca}: needs --driver-address")

@@ -34,7 +34,7 @@ from ...lenses.lens import Lens, LensError
 from ...lenses.opencv_fisheye import OpenCVFisheye
 from ...lenses.opencv_pinhole import OpenCVPinhole
 from ...lenses.registry import Pinhole
-from ...world.captures import SECOND_US
+from ...world.captures import US_PER_SECOND
 from ...world.drive import CameraModel, RollingShutter
 
 
@@ -236,7 +236,7 @@ def model_of(spec: Any, width: int, height: int, start_us: int, end_us: int, fie
     name = sensorsim.ShutterType.Name(spec.shutter_type) if spec.shutter_type in sensorsim.ShutterType.values() else "?"
     if name in SHUTTERS:
         axis, reverse = SHUTTERS[name]
-        taken_us, seconds = end_us - start_us, (end_us - start_us) / SECOND_US
+        taken_us, seconds = end_us - start_us, (end_us - start_us) / US_PER_SECOND
         middle = (time_us - start_us) / taken_us if taken_us else 0.5
         shutter = RollingShutter(-seconds, 1 - middle, axis) if reverse else RollingShutter(seconds, middle, axis)
         return replace(model, shutter=shutter), time_us

@@ -23,7 +23,7 @@ from ...geometry import (
     mean_pose,
     quaternion_from_matrix,
 )
-from ...json_file import RIGID
+from ...json_file import ROTATION_TOLERANCE
 
 RIG, WORLD, GLOBAL = "rig", "world", "world_global"
 OWN = "unisim:"
@@ -211,6 +211,10 @@ def _rigid(poses: FloatArray, what: str) -> FloatArray:
         raise LogError(f"{what}: is no pose of 4 x 4 finite numbers")
     axes = poses[:, :3, :3]
     off = np.abs(axes @ axes.swapaxes(1, 2) - np.eye(3)).max(initial=0.0)
-    if off > RIGID or (np.linalg.det(axes) < 0).any() or (np.abs(poses[:, 3] - (0, 0, 0, 1)) > RIGID).any():
+    if (
+        off > ROTATION_TOLERANCE
+        or (np.linalg.det(axes) < 0).any()
+        or (np.abs(poses[:, 3] - (0, 0, 0, 1)) > ROTATION_TOLERANCE).any()
+    ):
         raise LogError(f"{what}: is not rigid")
     return poses

@@ -18,7 +18,7 @@ from ...data.values import Intensities
 from ...errors import LogError, OutputError, in_a_line
 from ...geometry import FloatArray
 from ...json_file import Node
-from ...sensors.beam_tables import DIRECTIONS, beam_table
+from ...sensors.beam_tables import ROTATION_SIGNS, beam_table
 from ...sensors.frames import LidarFrame
 from ...sensors.lidar import column_azimuths
 from ...world.drive import Lidar, LidarModel
@@ -29,7 +29,7 @@ def parameters_of(model: LidarModel, where: str) -> Any:
     """Return NCore's parameters of a beam table. Raises `OutputError` for a table that NCore cannot hold."""
     from ncore import data
 
-    words: dict[int, Any] = {direction: word for word, direction in DIRECTIONS.items()}
+    words: dict[int, Any] = {direction: word for word, direction in ROTATION_SIGNS.items()}
     azimuth = (column_azimuths(model) + np.pi) % (2 * np.pi) - np.pi
     try:
         return data.RowOffsetStructuredSpinningLidarModelParameters(

@@ -18,7 +18,7 @@ from ...files import write_file
 from ...geometry import FloatArray, invert_pose
 from ...json_file import json_bytes
 from ...sensors.lidar import beam_directions, column_times
-from ...world.captures import SECOND_US, microseconds
+from ...world.captures import US_PER_SECOND, microseconds
 from ...world.drive import Actor, CameraModel, Lidar, LidarModel
 from ..common.box_tracks import box_poses, hidden_shares
 from ..common.rigs import LayoutCamera, RigLayout, RigRecording, image_part, looking_time, mid_exposure_shutter
@@ -27,7 +27,7 @@ from ..common.writer import SCRATCH, Tick, WritePlan, WriterPart
 from .columns import BODY_MAX_M, BODY_MIN_M, OWN_FROM_DATASETS
 from .scene import LIDAR, TableRow, attribute_of, chained, place_of, scene_name, token, visibility_of, write_tables
 
-EPOCH_US = 1_500_000_000 * SECOND_US
+EPOCH_US = 1_500_000_000 * US_PER_SECOND
 """The dataset's time, microseconds, of a drive's 0 s."""
 ROOF_M = 0.8
 """How far away the vehicle's roof is where it blocks a beam: nearer than the 1 m within which the dataset's tools leave out
@@ -41,7 +41,7 @@ def stamp_us(time_s: float) -> int:
 
 def seconds(stamp: int) -> float:
     """Return the drive's time of a stamp."""
-    return (stamp - EPOCH_US) / SECOND_US
+    return (stamp - EPOCH_US) / US_PER_SECOND
 
 
 def _end_s(lidar: Lidar, frame: int) -> float:

@@ -14,7 +14,7 @@ from ..motion.placement import Placement, check_rotation, pose_of
 from ..motion.trajectories import is_moving, merged_times, sampled
 from ..types import Scenario
 
-LABEL = "Car"
+DEFAULT_LABEL = "Car"
 """The class of a body whose class nobody told."""
 
 
@@ -47,7 +47,7 @@ class EgoBody(Edit):
         trajectory = sampled(lambda t: ego.at(t) @ mount, merged_times(ego.times_s, ends))
         start, end = context.presence(None, place)
         body = Actor(
-            self.id, self.label or LABEL, size_m, trajectory, start, end, is_moving(trajectory),
+            self.id, self.label or DEFAULT_LABEL, size_m, trajectory, start, end, is_moving(trajectory),
             Appearance(self.id, mesh=str(path)), inserted=True, is_ego_body=True,
         )  # fmt: skip
         return with_actor(drive, body)

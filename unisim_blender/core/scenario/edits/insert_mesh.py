@@ -13,7 +13,7 @@ from ..motion.placement import Placement
 from ..motion.trajectories import is_moving
 from ..types import Scenario
 
-LABEL = "Other"
+DEFAULT_LABEL = "Other"
 """The class of a mesh whose class nobody told."""
 
 
@@ -45,7 +45,11 @@ class InsertMesh(Edit):
         check_new(drive, self.id, place, context)
         trajectory = context.trajectory(self.pose, self.trajectory, self.outside, place)
         start, end = context.presence(self.present, place)
-        label, moving, appearance = self.label or LABEL, is_moving(trajectory), Appearance(self.id, mesh=str(path))
+        label, moving, appearance = (
+            self.label or DEFAULT_LABEL,
+            is_moving(trajectory),
+            Appearance(self.id, mesh=str(path)),
+        )
         return with_actor(
             drive, Actor(self.id, label, size_m, trajectory, start, end, moving, appearance, inserted=True)
         )

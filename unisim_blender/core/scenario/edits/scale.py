@@ -15,14 +15,14 @@ from ..edit import Edit, register
 from ..json_schema import TEXT, VECTOR
 from ..types import Scenario
 
-BOUNDS = 0.1, 10.0
+SIZE_FACTOR_BOUNDS = 0.1, 10.0
 """Least and largest size along each axis, relative to the appearance's own; both are allowed."""
-UNSCALABLE = f"must lie between {BOUNDS[0]:g} and {BOUNDS[1]:g} along each axis"
+UNSCALABLE = f"must lie between {SIZE_FACTOR_BOUNDS[0]:g} and {SIZE_FACTOR_BOUNDS[1]:g} along each axis"
 
 
 def scales(factors: Sequence[float]) -> bool:
     """Whether an actor can be scaled by these factors along its axes."""
-    return all(BOUNDS[0] <= factor <= BOUNDS[1] for factor in factors)
+    return all(SIZE_FACTOR_BOUNDS[0] <= factor <= SIZE_FACTOR_BOUNDS[1] for factor in factors)
 
 
 @register

@@ -13,9 +13,9 @@ from ..checks import require
 from ..json_schema import NUMBER, POSITIVE, VECTOR, Schema, members_of, numbers
 from .trajectories import quaternion_product
 
-QUATERNION_TOLERANCE = 1e-3
+QUATERNION_LENGTH_TOLERANCE = 1e-3
 """How far from 1 a quaternion's length may be, for those written by hand."""
-UNIT = 1e-12
+UNIT_LENGTH_TOLERANCE = 1e-12
 """Lengths this near to 1 are unit length."""
 
 
@@ -76,7 +76,7 @@ def check_rotation(rotation: Rotation, place: str) -> None:
     require(angles == (None, None, None), place, "has angles beside quaternion_wxyz, which exclude each other")
     length = float(np.linalg.norm(rotation.quaternion_wxyz))
     require(
-        abs(length - 1) <= QUATERNION_TOLERANCE,
+        abs(length - 1) <= QUATERNION_LENGTH_TOLERANCE,
         f"{place}.quaternion_wxyz",
         f"{list(rotation.quaternion_wxyz)} has length {length:.6g}, not 1",
     )
@@ -103,10 +103,10 @@ def rotations_of(rotations: Sequence[Rotation]) -> FloatArray:
 
 
 def unit_quaternions(quaternions_wxyz: FloatArray) -> FloatArray:
-    """Quaternions (N, 4) made unit length; each one's bits do not depend on the others. One that is of unit length to `UNIT`
-    stays as it is: what a scenario states of a drive is that drive's, to the bit."""
+    """Normalise quaternions (N, 4), each independently of the others. One of unit length within `UNIT_LENGTH_TOLERANCE` is
+    returned as it is, so that a pose copied from a drive into a scenario keeps its bits."""
     norms = np.sqrt((quaternions_wxyz * quaternions_wxyz).sum(-1, keepdims=True))
-    return np.where(np.abs(norms - 1) > UNIT, quaternions_wxyz / norms, quaternions_wxyz)
+    return np.where(np.abs(norms - 1) > UNIT_LENGTH_TOLERANCE, quaternions_wxyz / norms, quaternions_wxyz)
 
 
 def pose_of(placement: Placement) -> FloatArray:

@@ -27,7 +27,7 @@ from ...geometry import (
 POSITION_TOLERANCE_M = 1e-6
 ROTATION_TOLERANCE_RAD = 1e-7
 MAX_HALVINGS = 12
-MOST_KEYS = 100_000
+MAX_KEYS = 100_000
 """Largest number of keys of a path drawn with lines. A path that needs more turns too fast, too far from the centre
 that it turns about."""
 SAME_TIME_S = 1e-9
@@ -87,9 +87,9 @@ def _halved(
         if not bad.any():
             break
         every, which = np.concatenate([every, middles[bad]]), np.concatenate([which, own[bad]])
-        if np.bincount(which).max() > MOST_KEYS:
+        if np.bincount(which).max() > MAX_KEYS:
             raise TrajectoryError(
-                f"a path takes more than {MOST_KEYS} keys to follow: it turns too fast for where it is"
+                f"a path takes more than {MAX_KEYS} keys to follow: it turns too fast for where it is"
             )
         values = np.concatenate([values, between[bad]])
         # the others match already

@@ -78,9 +78,9 @@ class Sensors:
     lidars: tuple[LidarSpec, ...] | None = None
 
 
-MOST_COLUMNS = 36000
+MAX_COLUMNS = 36000
 BEAMS: Schema = {"type": "array", "items": NUMBER, "minItems": 1, "maxItems": 1024}
-COLUMNS: Schema = {"type": "array", "items": NUMBER, "minItems": 1, "maxItems": MOST_COLUMNS}
+COLUMNS: Schema = {"type": "array", "items": NUMBER, "minItems": 1, "maxItems": MAX_COLUMNS}
 NAME: Schema = {"type": "string", "pattern": "^[A-Za-z0-9_][A-Za-z0-9_.-]*$", "maxLength": 100}
 """JSON Schema of a name that can be part of file names."""
 PLACE: dict[str, Schema] = {
@@ -148,7 +148,7 @@ DEFS: dict[str, Schema] = {
             },
             "azimuth_offset_deg": BEAMS,
             "beam_time_s": BEAMS,
-            "columns": {"type": "integer", "minimum": 1, "maximum": MOST_COLUMNS},
+            "columns": {"type": "integer", "minimum": 1, "maximum": MAX_COLUMNS},
             "column_azimuth_deg": COLUMNS,
             "column_time_s": COLUMNS,
             "sweep_s": {"type": "number", "minimum": 0},

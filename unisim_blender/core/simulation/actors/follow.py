@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ...world.actor_path import PASSED_M, ActorPath
-from ...world.captures import SECOND_US
+from ...world.actor_path import STOP_TOLERANCE_M, ActorPath
+from ...world.captures import US_PER_SECOND
 from ..states import ActorState
 from .lead import Lead, Search
 
@@ -106,7 +106,7 @@ def advanced(
     """
     path, s, speed = progress.path, progress.s_m, progress.speed_m_s
     count = -(-step_us // LONGEST_US)
-    dt = step_us / count / SECOND_US
+    dt = step_us / count / US_PER_SECOND
     for part in range(count):
         desired = max(path.speed_at(s), progress.least_m_s)
         wanted = max(driver.free_acceleration(speed, desired), -driver.braking_m_s2)
@@ -114,8 +114,10 @@ def advanced(
         if lead is not None:
             gap = lead.gap_m - (s - progress.s_m) + lead.speed_m_s * part * dt
             hindrance = driver.interaction(speed, gap, lead.speed_m_s)
-        now_s = time_us / SECOND_US + part * dt
-        to_stop = next((stop.s_m - s for stop in path.stops if stop.s_m >= s - PASSED_M and stop.leave_s > now_s), None)
+        now_s = time_us / US_PER_SECOND + part * dt
+        to_stop = next(
+            (stop.s_m - s for stop in path.stops if stop.s_m >= s - STOP_TOLERANCE_M and stop.leave_s > now_s), None
+        )
         if to_stop is not None:  # as if a box stood where this one's front comes to rest
             hindrance = max(hindrance, driver.interaction(speed, to_stop + driver.gap_m, 0.0))
         acceleration = max(wanted - hindrance, -HARDEST_M_S2)
@@ -126,7 +128,7 @@ def advanced(
         else:
             s += speed * speed / (2 * -acceleration) if acceleration < 0 else 0.0
             speed = 0.0
-    changed = (speed - progress.speed_m_s) * SECOND_US / step_us
+    changed = (speed - progress.speed_m_s) * US_PER_SECOND / step_us
     if not math.isfinite(s + speed):
         raise ValueError(f"progress at {s} m and {speed} m/s is not finite")
     return PathProgress(path, s, speed, changed, progress.ignored, progress.least_m_s)

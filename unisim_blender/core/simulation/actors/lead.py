@@ -206,8 +206,8 @@ def _meetings(
 def touching(box: Footprint, traffic: Traffic) -> tuple[str, ...]:
     """Return the identifiers of the other boxes that a box overlaps."""
     every, half = np.arange(len(traffic.footprints)), (box.length_m / 2, box.width_m / 2)
-    place = (np.array([value]) for value in (box.x_m, box.y_m, box.heading_rad))
-    apart = separations(*place, half, traffic.boxes, every)[0]
+    x, y, heading = (np.array([value]) for value in (box.x_m, box.y_m, box.heading_rad))
+    apart = separations(x, y, heading, half, traffic.boxes, every)[0]
     uids = (traffic.footprints[index].uid for index in np.flatnonzero(apart <= 0).tolist())
     return tuple(uid for uid in uids if uid != box.uid)
 

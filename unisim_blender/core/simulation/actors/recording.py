@@ -13,7 +13,7 @@ import numpy as np
 
 from ...geometry import FloatArray, Quaternion, Trajectory, Vector3, slerp
 from ...world.actor_path import SPEED_WINDOW_S, ActorPath, joined, yaw_of
-from ...world.captures import SECOND_US
+from ...world.captures import US_PER_SECOND
 from ...world.drive import EGO, FRAME_MARGIN_S, Actor, Drive
 from ..footprints import times_to_overlap
 from ..states import ActorState, Footprint, Traffic
@@ -259,7 +259,7 @@ class Recording:
 
         Speed and acceleration are along the heading, from means over `SPEED_WINDOW_S` before and after.
         """
-        time_s = time_us / SECOND_US
+        time_s = time_us / US_PER_SECOND
         return self._state_of(uid, self.poses_at(time_s)[uid], time_s, 1.0)
 
     def poses_at(self, time_s: float) -> Mapping[str, tuple[Vector3, Quaternion]]:
@@ -283,7 +283,7 @@ class Recording:
         """Return what is not where the recording has it."""
         if self._last and self._last[0][0] is traffic:  # every actor of a step asks for the same
             return self._last[0][1]
-        time_s = traffic.time_us / SECOND_US
+        time_s = traffic.time_us / US_PER_SECOND
         ego, uids = math.inf, []
         for footprint in traffic.footprints:
             x, y = self._planes[footprint.uid].at(time_s) if footprint.uid in self._planes else (math.inf, math.inf)
@@ -302,7 +302,7 @@ class Recording:
 
     def footprint(self, uid: str, time_us: int, like: Footprint) -> Footprint | None:
         """Return the recorded footprint of an actor or of the ego vehicle, of the size of ``like``; None where there is none."""
-        time_s = time_us / SECOND_US
+        time_s = time_us / US_PER_SECOND
         if uid == EGO:
             trajectory, window = self.world_from_ego_box, (self.start_s - FRAME_MARGIN_S, self.end_s + FRAME_MARGIN_S)
         elif self._is_recorded(uid, time_s):

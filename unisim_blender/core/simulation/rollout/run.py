@@ -21,7 +21,7 @@ from ...scenario.time_range import Outside
 from ...scenario.times import actors_outside
 from ...scenario.types import Scenario
 from ...sequence.run import RenderReport, render_sequence
-from ...world.captures import SECOND_US
+from ...world.captures import US_PER_SECOND
 from ..drivers import Endpoint, driver_named
 from ..edits import edits_of
 from ..world import World, recorded_keys
@@ -48,7 +48,7 @@ def driven_scenario(simulation: Simulation, rollout: Rollout) -> Scenario:
     outside = Outside(actors_outside(base), "continue") if ego else base.outside
     times: dict[str, list[float]] = {}
     for exposure in context.exposures:
-        times.setdefault(exposure.capture.sensor_id, []).append(exposure.capture.time_us / SECOND_US)
+        times.setdefault(exposure.capture.sensor_id, []).append(exposure.capture.time_us / US_PER_SECOND)
     assert base.sensors is not None
     sensors = Sensors(
         tuple(replace(spec, times=tuple(sorted(times.get(spec.id, ())))) for spec in base.sensors.cameras or ()),

@@ -10,7 +10,7 @@ from ...data.classes import motion_of
 from ...geometry import BoolArray, FloatArray
 from ...render.tracer import NEAR_M
 from ...sensors.rays import Rays
-from ...world.captures import SECOND_US
+from ...world.captures import US_PER_SECOND
 from ..scores.off_road import Occupied, RoadTest, in_corridor
 from ..scores.record import PlanRecord, Record
 from ..scores.summary import summarise
@@ -74,7 +74,7 @@ def occupancy_of(simulation: Simulation) -> Occupied:
 
     Short rays along the world's x and y begin before the point and end within `MATTER_M` there. Actors are no part of it.
     """
-    renderer, time_s = simulation.renderer, simulation.context.start_us / SECOND_US
+    renderer, time_s = simulation.renderer, simulation.context.start_us / US_PER_SECOND
     state = simulation.plan.captures.states.state(time_s, time_s).restricted(())
 
     def occupied(points: FloatArray) -> BoolArray:

@@ -27,7 +27,7 @@ from ...scenario.simulation import SimulationSpec
 from ...scenario.types import Outputs, Scenario
 from ...scenes.scene import OpenScenes
 from ...sequence.plan import RenderPlan
-from ...world.captures import SECOND_US
+from ...world.captures import US_PER_SECOND
 from ...world.drive import Drive
 from ...world.polyline import spaced
 from ..drivers.driver import DriverKind, DriverSetup, EgoMotion, SensorSetup
@@ -54,7 +54,7 @@ def single_threaded_torch() -> Iterator[None]:
 
 ROUTE_M = 1.0
 """Spacing of the route's points."""
-HISTORY_US = 2 * SECOND_US
+HISTORY_US = 2 * US_PER_SECOND
 BEYOND = 50
 """Number of route points beyond the recording's end, straight on."""
 
@@ -94,7 +94,9 @@ class Simulation:
             sensors[name] = SensorSetup(lidar.model, axle_from_world @ lidar.world_from_lidar.at(mid_s))
         recording = context.recording if self.kind.privileged else None
         seed = self.spec.seed or 0
-        height_m = axle_height(drive.world_from_ego.at(context.start_us / SECOND_US), context.vehicle, context.heights)
+        height_m = axle_height(
+            drive.world_from_ego.at(context.start_us / US_PER_SECOND), context.vehicle, context.heights
+        )
         return DriverSetup(
             context.vehicle,
             sensors,
@@ -112,7 +114,7 @@ class Simulation:
         context = self.context
         if self.begin.ego != recorded_ego(context, context.start_us):
             return ()
-        first_us = round(context.drive.time_s[context.drive.frames[0]] * SECOND_US)
+        first_us = round(context.drive.time_s[context.drive.frames[0]] * US_PER_SECOND)
         back = min(context.start_us - first_us, HISTORY_US) // context.step_us
         times = [context.start_us - k * context.step_us for k in range(back, 0, -1)]
         return tuple(EgoMotion(time_us, recorded_ego(context, time_us)) for time_us in times)

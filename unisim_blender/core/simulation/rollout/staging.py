@@ -19,11 +19,11 @@ from ...scenario import rebased
 from ...scenario.edit import Edit
 from ...scenario.edits.retime import Retime
 from ...scenario.sensors.document import CameraSpec, LidarSpec, Sensors
-from ...scenario.simulation import OTHERS, SimulationSpec
+from ...scenario.simulation import OTHER_ACTORS, SimulationSpec
 from ...scenario.time_range import Outside
 from ...scenario.times import ego_outside, recording_us
 from ...scenario.types import Outputs, Scenario
-from ...world.captures import SECOND_US, microseconds
+from ...world.captures import US_PER_SECOND, microseconds
 from ...world.drive import Camera, Drive, Lidar
 from ..actors.model import ActorModel, model_from_dict
 from ..actors.models.auto import Auto
@@ -68,7 +68,7 @@ def context_of(
     within = _within(drive, rates, start_us, stop_us, place)
     ahead = vehicle.rear_axle_m[0] + vehicle.length_m / 2 - vehicle.rear_overhang_m
     recording = Recording.of(
-        _known_from(drive, start_us / SECOND_US), lambda label: motion_of(label, classes), spec.seed or 0, ahead
+        _known_from(drive, start_us / US_PER_SECOND), lambda label: motion_of(label, classes), spec.seed or 0, ahead
     )
     recording.prepare(models)
     passive = not kind.drives and all(isinstance(model, Replay | Auto) for model in models.values())
@@ -98,11 +98,11 @@ def _within(drive: Drive, rates: Mapping[str, Rate], start_us: int, stop_us: int
     complete = tuple(exposures(drive, rates, start_us, stop_us))
     if complete or not rates:
         return complete
-    late_us = stop_us + 2 * max(rate.period_us for rate in rates.values()) + 2 * SECOND_US
+    late_us = stop_us + 2 * max(rate.period_us for rate in rates.values()) + 2 * US_PER_SECOND
     first_us = exposures(drive, rates, start_us, late_us)[0].end_us
     raise ScenarioError(
-        f"{place}: from {start_us / SECOND_US:g} to {stop_us / SECOND_US:g} s no exposure of {', '.join(rates)} is complete: the "
-        f"first ends at {first_us / SECOND_US:g} s"
+        f"{place}: from {start_us / US_PER_SECOND:g} to {stop_us / US_PER_SECOND:g} s no exposure of {', '.join(rates)} is "
+        f"complete: the first ends at {first_us / US_PER_SECOND:g} s"
     )
 
 
@@ -110,15 +110,20 @@ def span_us(drive: Drive, scenario: Scenario, spec: SimulationSpec, kind: Driver
     """Return from when to when a simulation lasts, microseconds. Raises `ScenarioError` for times outside the recording, but for
     those after it where the scenario says what the ego vehicle does there and the driver follows no log."""
     first_us, last_us = recording_us(drive)
-    span, place = f"the recording, {first_us / SECOND_US:g} … {last_us / SECOND_US:g} s", f"{scenario.path}: simulation"
+    span, place = (
+        f"the recording, {first_us / US_PER_SECOND:g} … {last_us / US_PER_SECOND:g} s",
+        f"{scenario.path}: simulation",
+    )
     start_us = first_us if spec.start_s is None else microseconds(spec.start_s)
     stop_us = last_us if spec.duration_s is None else start_us + microseconds(spec.duration_s)
     if not first_us <= start_us < last_us:
-        raise ScenarioError(f"{place}.start_s: {start_us / SECOND_US:g} s must lie within {span}, and before its end")
+        raise ScenarioError(
+            f"{place}.start_s: {start_us / US_PER_SECOND:g} s must lie within {span}, and before its end"
+        )
     if stop_us == start_us:
         raise ScenarioError(f"{place}.duration_s: {spec.duration_s:g} s is less than a microsecond")
     if stop_us > last_us and not (kind.drives and ego_outside(scenario) is not None):
-        asked = f"{start_us / SECOND_US:g} to {stop_us / SECOND_US:g} s"
+        asked = f"{start_us / US_PER_SECOND:g} to {stop_us / US_PER_SECOND:g} s"
         raise ScenarioError(f"{place}: {asked} must lie within {span}")
     return start_us, stop_us
 
@@ -151,7 +156,7 @@ def _from(trajectory: Trajectory, start_s: float) -> Trajectory:
 
 def heights_at(renderer: Renderer, captures: CaptureStates, time_us: int) -> Heights:
     """Return what tells how high points are above the scene's ground."""
-    time_s = time_us / SECOND_US
+    time_s = time_us / US_PER_SECOND
     return renderer.tracer(captures.states.state(time_s, time_s)).heights
 
 
@@ -159,14 +164,14 @@ def _models(drive: Drive, spec: SimulationSpec, place: str) -> dict[str, ActorMo
     """Return the models of moving actors, by identifier."""
     own = spec.actors or {}
     for uid in own:
-        if uid != OTHERS and uid not in drive.actors:
+        if uid != OTHER_ACTORS and uid not in drive.actors:
             raise ScenarioError(f"{place}.actors.{uid}: there is no such actor")
     models: dict[str, ActorModel] = {}
     for uid, actor in sorted(drive.actors.items()):
         if actor.is_ego_body or (not actor.is_moving and uid not in own):
             continue
-        document = own.get(uid, own.get(OTHERS, {"type": "replay"}))
-        models[uid] = model_from_dict(document, f"{place}.actors.{uid if uid in own else OTHERS}")
+        document = own.get(uid, own.get(OTHER_ACTORS, {"type": "replay"}))
+        models[uid] = model_from_dict(document, f"{place}.actors.{uid if uid in own else OTHER_ACTORS}")
     return models
 
 

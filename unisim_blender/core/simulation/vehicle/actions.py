@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...errors import SimulationError, short
 from ...geometry import FloatArray
-from ...world.captures import MOST_US
+from ...world.captures import MAX_TIME_US
 from ..states import EgoState
 
 
@@ -79,7 +79,7 @@ class Plan:
 
 
 def _near(times: NDArray[Any]) -> bool:
-    return -MOST_US <= int(times.min()) and int(times.max()) <= MOST_US
+    return -MAX_TIME_US <= int(times.min()) and int(times.max()) <= MAX_TIME_US
 
 
 def _numbers(values: object, name: str, count: int) -> FloatArray:

@@ -191,7 +191,7 @@ class CompiledTracer:
 
     def trace(
         self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats
-    ) -> TraceResult:
+    ) -> TraceResult[Array]:
         """See `tracer.Tracer`."""
         order = tiled(rays.time_s.shape)
         # a list keeps its own order, and its parts need no copies
@@ -238,7 +238,7 @@ class CompiledTracer:
         some: Rays,
         sky: bool,
         mesh_hits: MeshHits | None,
-        traced: TraceResult,
+        traced: TraceResult[Array],
         maps: Maps,
         stats: RenderStats,
         starts: Array | None = None,
@@ -299,7 +299,9 @@ class CompiledTracer:
         near, far = np.minimum(a, b).max(1).clip(NEAR_M), np.maximum(a, b).min(1)
         return STATS_RAY_STRIDE * int(np.ceil(np.maximum(far - near, 0) / UNIFORM_STEP_M).sum())
 
-    def image(self, traced: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+    def image(
+        self, traced: TraceResult[Array], directions: FloatArray, camera_id: str, shape: tuple[int, ...]
+    ) -> Array:
         """See `tracer.Tracer`."""
         cells = sound_directions(directions).reshape(*shape, 3)
 
@@ -317,7 +319,7 @@ class CompiledTracer:
             rgb += alpha * (resized(other, size) - rgb)
         return rgb
 
-    def returns(self, traced: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, traced: TraceResult[Array], directions: FloatArray) -> tuple[Array, Array]:
         """See `tracer.Tracer`."""
         directions = sound_directions(directions)
         intensity, logit = self.scene.decoder.returns(traced.feature, directions, traced.depth_m, traced.opacity)

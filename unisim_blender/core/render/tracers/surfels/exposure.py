@@ -52,7 +52,7 @@ class Exposures:
             by_camera[name] = np.array(times_s)[own], gains[own]
         return Exposures(by_camera)
 
-    def at(self, camera: str, time_s: FloatArray) -> FloatArray:
+    def at(self, camera: str, time_s: NDArray[Any]) -> FloatArray:
         """Gains (N, 3) of a camera at times (N,), between the recorded ones; 1 of a camera that has none."""
         if camera not in self.by_camera:
             return np.ones((len(time_s), 3))

@@ -105,7 +105,7 @@ class SurfelTracer:
 
     def trace(
         self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats
-    ) -> TraceResult:
+    ) -> TraceResult[Array]:
         """See `tracer.Tracer`. A camera's feature is its colour, whatever the exposure, and the time, on which that
         depends; a LiDAR's is intensity and the probability of a return."""
         flat = rays.flat().sound()
@@ -133,12 +133,14 @@ class SurfelTracer:
             traced.mesh_opacity = self._with_meshes(traced.maps, depth, mesh_hits)
         return traced
 
-    def image(self, traced: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+    def image(
+        self, traced: TraceResult[Array], directions: FloatArray, camera_id: str, shape: tuple[int, ...]
+    ) -> Array:
         """See `tracer.Tracer`."""
         gain = self.scene.exposures.at(camera_id, traced.feature[:, 3])
         return np.asarray(np.clip(traced.feature[:, :3] * gain, 0, 1).reshape(*shape, 3), np.float32)
 
-    def returns(self, traced: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, traced: TraceResult[Array], directions: FloatArray) -> tuple[Array, Array]:
         """See `tracer.Tracer`."""
         return traced.feature[:, 0], traced.feature[:, 1]
 

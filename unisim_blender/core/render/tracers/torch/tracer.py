@@ -152,7 +152,7 @@ class TorchTracer:
     @torch.no_grad()
     def trace(
         self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats
-    ) -> TraceResult:
+    ) -> TraceResult[Tensor]:
         """All rays in chunks; features joined, and for each pass one array (N, ...)."""
         rays = rays.flat().sound()
         batch = to_batch(rays, self.scene.model.frame)
@@ -213,7 +213,9 @@ class TorchTracer:
         stats.samples_saved += max(0, uniform - spent)
 
     @torch.no_grad()
-    def image(self, traced: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+    def image(
+        self, traced: TraceResult[Tensor], directions: FloatArray, camera_id: str, shape: tuple[int, ...]
+    ) -> Array:
         """The image (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w,
         3)."""
         along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
@@ -239,7 +241,7 @@ class TorchTracer:
         return rgb[0].permute(1, 2, 0).cpu().numpy().astype(np.float32)
 
     @torch.no_grad()
-    def returns(self, traced: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, traced: TraceResult[Tensor], directions: FloatArray) -> tuple[Array, Array]:
         """A LiDAR's intensities in 0..1 (N,), and the probabilities (N,) of a return."""
         along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
         intensity, logit = self.scene.model.lidar_head(traced.feature, along, traced.depth_m, traced.opacity)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ....geometry import FloatArray, quaternion_from_yaw
 from ....world.actor_path import ActorPath, product
-from ....world.captures import SECOND_US
+from ....world.captures import US_PER_SECOND
 from ....world.drive import EGO, Actor
 from ...states import ActorState, FootprintArrays, Traffic, actor_footprint
 from ..follow import HARDEST_M_S2
@@ -95,7 +95,7 @@ class Attack(Auto):
             return super().answer(actor, motion, traffic, time_us, step_us)
         if not memory.hit and EGO in touching(actor_footprint(actor, state), traffic):
             memory = replace(memory, hit=True, acceleration_m_s2=-HARDEST_M_S2, to_per_m=memory.curvature_per_m)
-        elif not memory.hit and time_us - memory.decided_us >= round(self.decide_s * SECOND_US):
+        elif not memory.hit and time_us - memory.decided_us >= round(self.decide_s * US_PER_SECOND):
             memory = self._decided(actor, state, memory, traffic, time_us)
         return self._driven(actor, state, memory, time_us, step_us)
 
@@ -135,7 +135,7 @@ class Attack(Auto):
         )
         curvatures = across / max(state.speed_m_s, SLOWEST_M_S) ** 2
         curvatures = np.clip(curvatures, -TIGHTEST_PER_M, TIGHTEST_PER_M)
-        dt = FORECAST_US / SECOND_US
+        dt = FORECAST_US / US_PER_SECOND
         middles = (np.arange(max(math.ceil(self.forecast_s / dt), 1)) + 0.5) * dt
         most = max(self.most_speed_m_s, state.speed_m_s)
         speeds = np.clip(state.speed_m_s + along[:, None] * middles, 0.0, most)
@@ -148,7 +148,7 @@ class Attack(Auto):
 
     def _costs(self, actor: Actor, places: FloatArray, headings: FloatArray, traffic: Traffic) -> FloatArray:
         """Return the cost (C,) of each drive, in metres."""
-        boxes, times = traffic.boxes, np.arange(1, places.shape[1] + 1) * (FORECAST_US / SECOND_US)
+        boxes, times = traffic.boxes, np.arange(1, places.shape[1] + 1) * (FORECAST_US / US_PER_SECOND)
         velocity = boxes.speed_m_s * np.stack([boxes.cos, boxes.sin])
         forecast = np.stack([boxes.x_m, boxes.y_m]) + velocity * times[:, None, None]  # (T, 2, N)
         apart = forecast[None] - places[..., None]  # (C, T, 2, N)
@@ -164,10 +164,10 @@ class Attack(Auto):
         (x, y, z), heading, speed = state.position_m, state.heading_rad, state.speed_m_s
         turned, way, curvature = 0.0, 0.0, memory.curvature_per_m
         count = -(-step_us // PART_US)
-        dt = step_us / count / SECOND_US
+        dt = step_us / count / US_PER_SECOND
         most = max(self.most_speed_m_s, speed)
         for part in range(count):
-            since = (time_us - memory.decided_us) / SECOND_US + (part + 0.5) * dt
+            since = (time_us - memory.decided_us) / US_PER_SECOND + (part + 0.5) * dt
             curvature = memory.from_per_m + (memory.to_per_m - memory.from_per_m) * min(since / EASE_S, 1.0)
             after = min(max(speed + memory.acceleration_m_s2 * dt, 0.0), most)
             moved = (speed + after) / 2 * dt
@@ -177,7 +177,7 @@ class Attack(Auto):
         path = memory.world.paths[actor.uid]
         z += _climb(path, x, y, z, way)
         w, i, j, k = product(quaternion_from_yaw(turned), np.array(state.quaternion_wxyz)).tolist()
-        acceleration = (speed - state.speed_m_s) * SECOND_US / step_us
+        acceleration = (speed - state.speed_m_s) * US_PER_SECOND / step_us
         driven = ActorState((x, y, z), (w, i, j, k), speed, acceleration, True)
         return ActorMotion(driven, replace(memory, curvature_per_m=curvature))
 

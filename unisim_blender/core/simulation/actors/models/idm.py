@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 from ....world.actor_path import ActorPath, joined
-from ....world.captures import SECOND_US
+from ....world.captures import US_PER_SECOND
 from ....world.drive import Actor
 from ...states import ActorState, Traffic, actor_footprint
 from ..follow import IdmParameters, PathProgress, advanced, search_of
@@ -104,17 +104,17 @@ class Idm(Model):
         if path is None:
             return ActorMotion(world.state(actor.uid, later_us), memory)
         if motion.state.present:
-            following = begun(actor, path, motion.state, world, path.s_at_time(time_us / SECOND_US))
+            following = begun(actor, path, motion.state, world, path.s_at_time(time_us / US_PER_SECOND))
             return self.follow(actor, following, time_us, step_us)
         state, (start, end) = world.state(actor.uid, later_us), world.windows_s[actor.uid]
-        if not start <= later_us / SECOND_US <= end:
+        if not start <= later_us / US_PER_SECOND <= end:
             return ActorMotion(replace(state, present=False), memory)
         if memory.waits:
             position, quaternion = path.place(0.0)
             state = ActorState(position, quaternion, path.speed_at(0.0))
         if touching(actor_footprint(actor, state), traffic):
             return ActorMotion(replace(state, present=False), replace(memory, waits=True))
-        s = 0.0 if memory.waits else path.s_at_time(later_us / SECOND_US)
+        s = 0.0 if memory.waits else path.s_at_time(later_us / US_PER_SECOND)
         return ActorMotion(state, begun(actor, path, state, world, s))
 
     def follow(self, actor: Actor, memory: FollowingMemory, time_us: int, step_us: int) -> Answer:

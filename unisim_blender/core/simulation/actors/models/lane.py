@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ....world.actor_path import ActorPath
-from ....world.captures import SECOND_US
+from ....world.captures import US_PER_SECOND
 from ....world.drive import Actor
 from ...states import Traffic
 from ..model import ActorMotion, register
@@ -30,5 +30,5 @@ class Lane(Auto):
         self, actor: Actor, motion: ActorMotion, world: Recording, traffic: Traffic, time_us: int, step_us: int
     ) -> bool:
         """Return whether the actor can no longer be where the recording has it, or the recording ends."""
-        ends = motion.state.present and (time_us + step_us) / SECOND_US > world.windows_s[actor.uid][1]
+        ends = motion.state.present and (time_us + step_us) / US_PER_SECOND > world.windows_s[actor.uid][1]
         return ends or super().leaves(actor, motion, world, traffic, time_us, step_us)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 from ....world.actor_path import ActorPath
-from ....world.captures import SECOND_US
+from ....world.captures import US_PER_SECOND
 from ....world.drive import Actor
 from ...states import ActorState, Traffic, actor_footprint
 from ..lead import Search, touching
@@ -55,16 +55,16 @@ class Replay(Model):
         if path is None or not motion.state.present:
             if memory.late_us == 0 and memory.rate == 1.0:
                 return ActorMotion(world.state(actor.uid, later_us), memory)
-            late_s = (later_us - memory.late_us) / SECOND_US
+            late_s = (later_us - memory.late_us) / US_PER_SECOND
             return ActorMotion(world.state_at(actor.uid, late_s, memory.rate), memory)
-        s = path.s_at_time((time_us - memory.late_us) / SECOND_US)
+        s = path.s_at_time((time_us - memory.late_us) / US_PER_SECOND)
         pace = path.speed_at(s)
 
         def walked(halts: bool) -> ActorMotion:
-            change = BRAKING_M_S2 / max(pace, 0.5) * step_us / SECOND_US
+            change = BRAKING_M_S2 / max(pace, 0.5) * step_us / US_PER_SECOND
             rate = max(memory.rate - change, 0.0) if halts else min(memory.rate + change, 1.0)
             late_us = memory.late_us + round((1 - rate) * step_us)
-            recorded_s = (later_us - late_us) / SECOND_US
+            recorded_s = (later_us - late_us) / US_PER_SECOND
             return ActorMotion(world.state_at(actor.uid, recorded_s, rate), replace(memory, late_us=late_us, rate=rate))
 
         search = self._search(actor, motion.state, path, s, pace, traffic, memory, step_us)
@@ -77,7 +77,7 @@ class Replay(Model):
         """Return the search for a vehicle in the way of where the recording walks next; None where none is near."""
         world, (length, width, _) = memory.world, actor.size_m.tolist()
         x, y, _ = state.position_m
-        ahead = self.gap_m + pace * pace / (2 * BRAKING_M_S2) + pace * step_us / SECOND_US
+        ahead = self.gap_m + pace * pace / (2 * BRAKING_M_S2) + pace * step_us / US_PER_SECOND
         reach = ahead + STEP_M + LABEL_M + math.hypot(length, width) / 2
         others = traffic.footprints if memory.late_us else map(traffic.by_uid.__getitem__, world.strays(traffic).uids)
         vehicles = {

@@ -10,7 +10,7 @@ import numpy as np
 
 from ....geometry import quaternion_from_yaw
 from ....world.actor_path import ActorPath, joined, product, quintic
-from ....world.captures import SECOND_US
+from ....world.captures import US_PER_SECOND
 from ....world.drive import Actor
 from ...states import ActorState, Traffic
 from ..model import ActorMotion, Model, Schema, register
@@ -83,7 +83,7 @@ class Scripted(Model):
 
     def start(self, actor: Actor, world: Recording, time_us: int) -> ActorMotion:
         """Return the state at the start: by keys that lie before it, or else as recorded."""
-        first_s = max(time_us / SECOND_US, world.windows_s[actor.uid][0])
+        first_s = max(time_us / US_PER_SECOND, world.windows_s[actor.uid][0])
         recorded = world.state_at(actor.uid, first_s)
         speeds: TimedValues = tuple((key.time_s, key.speed_m_s) for key in self.keys if key.speed_m_s is not None)
         lefts: TimedValues = tuple((key.time_s, key.left_m) for key in self.keys if key.left_m is not None)
@@ -114,7 +114,7 @@ def _path(actor: Actor, world: Recording, recorded: ActorState, first_s: float) 
 
 
 def _state(actor: Actor, script: ScriptMemory, time_us: int) -> ActorState:
-    now = time_us / SECOND_US
+    now = time_us / US_PER_SECOND
     if script.path is None or now < script.first_s:
         state = script.world.state(actor.uid, time_us)
     else:
