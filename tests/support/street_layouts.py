@@ -53,7 +53,7 @@ def pandaset(root: Path, size: int) -> Written:
 
     from unisim_street.street import build_street
 
-    write_recipe(root, 900, seed=11, frames=4, width=96 * size, height=54 * size)
+    write_recipe(root, seed=11, frames=4, width=96 * size, height=54 * size)
     drive = build_street(seed=11, frames=4, width=96 * size, height=54 * size).drive
     dropped = root / "lidar" / "poses.json"
     return Written(root, dropped, drive, drive.cameras, moved(*drive.world_origin), 0.0, 1e-3)
