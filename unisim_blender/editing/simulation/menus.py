@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
+from functools import lru_cache
+from pathlib import Path
 
 from ...core.simulation.drivers import DRIVERS
 from ..texts import translatable
@@ -44,16 +47,36 @@ def is_function(text: str) -> bool:
 
 AUTO = "AUTO"
 """Stands for the renderer that a sequence has."""
-RENDERER_ITEMS: list[tuple[str, str, str, int]] = [
+RECIPE_FILE = "street.json"
+"""Name of the file that the log of a procedural street contains, as in `unisim_street`."""
+RendererItem = tuple[str, str, str, int]
+"""Identifier, title, description, and the number that files keep."""
+_EVERY_LOG: list[RendererItem] = [
     (AUTO, translatable("As Sequences"), translatable("The trained scene; without one, surfels of the log"), 0),
     ("surfel", translatable("Surfels"), translatable("Surfels that the log's sweeps give, without training"), 1),
     ("warp", translatable("Warped Images"), translatable("Recorded images warped over surfels, without training"), 2),
-    ("street", translatable("Exact Street"), translatable("Procedural streets alone: the street as it is"), 3),
 ]
-"""Identifier, title, description, and the number that files keep. Whether a renderer can show the log, it checks
-itself."""
+_STREETS: list[RendererItem] = [
+    *_EVERY_LOG,
+    ("street", translatable("Exact Street"), translatable("The procedural street of the log, as it is"), 3),
+]
+
+
+def renderer_items(log: str) -> list[RendererItem]:
+    """Return the renderers of a log's folder; the same lists each time, as Blender keeps no copy of what it shows."""
+    return _STREETS if log and _is_street(log) else _EVERY_LOG
 
 
 def renderer_options(name: str) -> list[str]:
-    """Return the options of the command line for a renderer; none for `AUTO`."""
+    """Return the options of the command line for a renderer; none for `AUTO`, and for one that the log does not have."""
     return [] if name in ("", AUTO) else ["--renderer", name]
+
+
+@lru_cache(maxsize=64)  # a menu asks at every redraw
+def _is_street(log: str) -> bool:
+    """Return whether a log is a street that its own renderer can draw: one that Cycles drew is not."""
+    try:
+        recipe = json.loads((Path(log) / RECIPE_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(recipe, dict) and recipe.get("engine", "exact") == "exact"

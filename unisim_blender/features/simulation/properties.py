@@ -10,7 +10,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from ...editing.simulation import stated
-from ...editing.simulation.menus import AUTO, DEFAULT, OWN, RENDERER_ITEMS, driver_items, is_function, is_remote
+from ...editing.simulation.menus import DEFAULT, OWN, RendererItem, driver_items, is_function, is_remote, renderer_items
 from ...editing.texts import translatable
 from ..drive.properties import RELATIVE
 
@@ -175,6 +175,11 @@ def _set_driver(self: Any, number: int) -> None:
     self.driver = DRIVERS[number][0]
 
 
+def _renderer_items(self: Any, context: bpy.types.Context | None) -> list[RendererItem]:
+    """Return the renderers of the scene's log."""
+    return renderer_items(bpy.path.abspath(self.id_data.unisim.log))
+
+
 class UniSimSimulation(bpy.types.PropertyGroup):
     """The simulation of a scene. ``rollout`` is the folder of the rollout that the scene was opened from, ``span_s``
     its first and last time; ``scored`` the one whose scores are shown."""
@@ -198,7 +203,7 @@ class UniSimSimulation(bpy.types.PropertyGroup):
         name="Address", description="Where the process of the driver listens: HOST:PORT, or unix:PATH"
     )
     renderer: EnumProperty(
-        name="Renderer", description="Renderer of images and sweeps", items=RENDERER_ITEMS, default=AUTO
+        name="Renderer", description="Renderer of images and sweeps", items=_renderer_items, default=0
     )
     out: StringProperty(
         name="Folder",
