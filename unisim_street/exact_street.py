@@ -30,7 +30,7 @@ from unisim_blender.core.world.replay import DriveStates, WorldState
 
 from .street import RECIPE_FILE, Street, load_street, recipe_document, street_of, street_origin
 from .tracing.trace import TILE_PX, tile_image, untile_image
-from .truth import StreetWorld, colours, echoes, exact_image, world_of_state
+from .truth import StreetWorld, echoes, exact_image, seen_colours, world_of_state
 
 WHOLE = Reach(whole=True)
 
@@ -58,7 +58,7 @@ class StreetTracer:
         shape = rays.time_s.shape
         origins, directions, time_s = (_bundled(v, shape) for v in (rays.origins, rays.directions, rays.time_s))
         apart = np.linalg.norm(np.diff(rays.directions.reshape(-1, 3), axis=0), axis=-1)
-        hits = colours(self.world, origins, directions, time_s, float(np.median(apart)) if len(apart) else 0.0)
+        hits = seen_colours(self.world, origins, directions, time_s, float(np.median(apart)) if len(apart) else 0.0)
         depth = _flat(hits.depth_m, shape)
         opacity = np.isfinite(depth).astype(np.float32)
         maps = {

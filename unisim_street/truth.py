@@ -132,7 +132,7 @@ def exact_image(world: StreetWorld, camera: Camera, time_s: float, samples: int 
 
 
 @dataclass(frozen=True)
-class Colours:
+class SeenColours:
     """What rays in bundles (B, K) see: display-referred sRGB (B, K, 3) in 0..1, distances, inf where nothing is hit, normals
     (B, K, 3) in the drive's world, and instances as in `Echoes`."""
 
@@ -142,9 +142,9 @@ class Colours:
     instance: NDArray[np.int32]
 
 
-def colours(
+def seen_colours(
     world: StreetWorld, origins: FloatArray, directions: FloatArray, time_s: FloatArray, spread_rad: float
-) -> Colours:
+) -> SeenColours:
     """Return the colours that rays in bundles (B, K, 3), (B, K, 3), (B, K) in the drive's world see, ``spread_rad`` apart. One
     ray sees the middle of the sun, so its shadows have hard edges."""
     bundles = _bundles(world, origins, directions, time_s)
@@ -156,7 +156,12 @@ def colours(
     normal[surfaces.rays] = rotate_vectors(world.street_from_world.swapaxes(0, 1), surfaces.normals)
     instance = np.maximum(hits.placement.astype(np.int32) - world.first_actor + 1, 0)
     shape = *bundles.shape, 3
-    return Colours(display(_radiance(world, view, 1)).reshape(shape), hits.t, normal.reshape(shape), instance)
+    return SeenColours(
+        np.asarray(display(_radiance(world, view, 1)).reshape(shape), np.float64),
+        hits.t,
+        normal.reshape(shape),
+        instance,
+    )
 
 
 def _radiance(world: StreetWorld, view: TracedView, samples: int) -> FloatArray:

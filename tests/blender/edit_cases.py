@@ -10,6 +10,8 @@ import numpy as np
 from helpers import SAMPLE, driving, imported, select
 
 from unisim_blender.bridge.objects.imported import copy_of, imported_objects, mark_static, source_of
+from unisim_blender.bridge.sampling.edit_list import read_now
+from unisim_blender.editing.edits.lines import EditLine
 
 
 def passing(scene: Any) -> Any:
@@ -202,3 +204,15 @@ CASES: dict[str, tuple[Callable[[Any], None], str, str]] = {
     "item copied": (item_copied, "COPY", "Copied: 4.0 m away"),
 }
 """By name: what makes the edit, the part of the object that it changes, and how its line begins."""
+
+
+def lines(scene: Any) -> tuple[EditLine, ...]:
+    """The list of a scene."""
+    update()
+    return read_now(scene)
+
+
+def press(operator: Any, line: EditLine) -> None:
+    """Press a line's button."""
+    kind, name, part = line.key
+    assert operator(kind=kind, name=name, part=part, muted=line.muted) == {"FINISHED"}

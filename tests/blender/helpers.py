@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import bpy
+import numpy as np
 
 from unisim_blender.bridge.objects.imported import imported_objects, source_of
-from unisim_blender.core.scenario import apply_scenario
+from unisim_blender.core.scenario import apply_scenario, load_scenario
 from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.core.world.drive import Drive
-from unisim_blender.editing.sampled.source import scene_actors
+from unisim_blender.editing.sampled.scene import same
+from unisim_blender.editing.sampled.source import open_source, scene_actors
 from unisim_blender.features.drive.export_operators import scenario_of
 
+R = TypeVar("R")
 SAMPLE = Path(__file__).parents[2] / "sample"
 REAL_LOG = Path(os.environ.get("UNISIM_PANDASET", Path(__file__).parents[3] / "shared/data/pandaset/002"))
 
@@ -91,3 +95,90 @@ def calls(action: Callable[[], object]) -> int:
     finally:
         sys.setprofile(None)
     return count
+
+
+def numbers(value: Any) -> Any:
+    """A scenario's edits and sensors with numbers to 0.1 mm, so that one that was put back compares equal."""
+    if isinstance(value, dict):
+        return {name: numbers(part) for name, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [numbers(part) for part in value]
+    return round(value, 4) + 0.0 if isinstance(value, float) else value
+
+
+def content(scenario: Scenario) -> Any:
+    """What of a scenario the scene says."""
+    sensors = scenario.sensors and asdict(scenario.sensors)
+    return (
+        numbers([[type(edit).__name__, asdict(edit)] for edit in scenario.edits]),
+        numbers(sensors),
+        numbers({uid: asdict(box) for uid, box in (scenario.boxes or {}).items()}),
+    )
+
+
+def material(name: str, colour: tuple[float, float, float]) -> Any:
+    made = bpy.data.materials.new(name)
+    if made.node_tree is None:
+        made.use_nodes = True
+    made.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (*colour, 1.0)
+    return made
+
+
+def crate(at: tuple[float, float, float], scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Any:
+    """A cube of 2 m, times ``scale``, red but for its roof, which is green."""
+    bpy.ops.mesh.primitive_cube_add(size=2.0, location=at, scale=scale)
+    made = bpy.context.active_object
+    made.data.materials.append(material("red", (0.6, 0.1, 0.1)))
+    made.data.materials.append(material("green", (0.1, 0.6, 0.1)))
+    for polygon in made.data.polygons:
+        polygon.material_index = int(polygon.normal.z > 0.9)
+    return made
+
+
+def drive_of(path: Path) -> Drive:
+    """The drive that a scenario leads to."""
+    scenario = load_scenario(path)
+    source = open_source(str(scenario.log_path), str(scenario.scene_path or ""))
+    return apply_scenario(scenario, source.drive, scene_actors)
+
+
+def assert_alike(a: Drive, b: Drive) -> None:
+    """The same actors, sensors, boxes, and the same poses at every frame."""
+    times = np.array([a.time_s[frame] for frame in a.frames])
+    assert a.frames == b.frames
+    assert set(a.actors) == set(b.actors)
+    for uid, one in a.actors.items():
+        other = b.actors[uid]
+        assert one.appearance == other.appearance and one.label == other.label, uid
+        there = one.present(times)
+        assert (there == other.present(times)).all(), uid
+        assert same(other.world_from_actor.at(times)[there], one.world_from_actor.at(times)[there]).all(), uid
+    assert same(b.world_from_ego.at(times), a.world_from_ego.at(times)).all()
+    assert set(a.cameras) == set(b.cameras) and set(a.lidars) == set(b.lidars)
+    for name, camera in a.cameras.items():
+        t = np.array(list(camera.time_s.values()))
+        assert camera.model == b.cameras[name].model
+        assert same(b.cameras[name].world_from_camera.at(t), camera.world_from_camera.at(t)).all(), name
+    for name, lidar in a.lidars.items():
+        t = np.array(list(lidar.time_s.values()))
+        assert same(b.lidars[name].world_from_lidar.at(t), lidar.world_from_lidar.at(t)).all(), name
+    assert len(a.static_copies) == len(b.static_copies) and len(a.static_removals) == len(b.static_removals)
+    for mine, theirs in zip(a.static_copies, b.static_copies, strict=True):
+        assert mine.uid == theirs.uid and same(theirs.world_from_target, mine.world_from_target)
+
+
+def there_and_back(path: Path, folder: Path) -> Path:
+    """Import a scenario into Blender and export it."""
+    assert bpy.ops.unisim.import_scenario(filepath=str(path)) == {"FINISHED"}
+    again = folder / "again.json"
+    assert bpy.ops.unisim.export_scenario(filepath=str(again)) == {"FINISHED"}
+    return again
+
+
+def ended(steps: Generator[Any, None, R]) -> R:
+    """What a generator returns after all its steps."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value

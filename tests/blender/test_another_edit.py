@@ -11,9 +11,8 @@ from typing import Any
 
 import bpy
 import pytest
-from edit_cases import standing
+from edit_cases import lines, press, standing
 from helpers import SAMPLE, edited, imported, read
-from test_edits_list import lines, press
 
 from unisim_blender.bridge.changes.carriers import carrier
 from unisim_blender.bridge.changes.carriers.carrier import CARRIERS, Carrier, Edited, Muted

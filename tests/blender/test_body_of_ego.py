@@ -10,9 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import edited, imported, read, select
-from test_mesh_actors import crate
-from test_scenarios import assert_alike, drive_of, there_and_back
+from helpers import assert_alike, crate, drive_of, edited, imported, read, select, there_and_back
 
 from unisim_blender.bridge.objects.ego_bodies import DISPLAY_KEY, bodies_differ, show_bodies, shown_as
 from unisim_blender.bridge.objects.imported import source_of

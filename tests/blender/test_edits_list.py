@@ -9,12 +9,12 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from edit_cases import CASES, standing, update
+from edit_cases import CASES, lines, press, standing, update
 from helpers import driving, read, select
 
 from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.bridge.sampling import adjacent_frames, edit_list, from_keys
-from unisim_blender.bridge.sampling.edit_list import read_now, read_steps, reading_of
+from unisim_blender.bridge.sampling.edit_list import read_steps, reading_of
 from unisim_blender.bridge.sampling.from_keys import Sampler
 from unisim_blender.bridge.sampling.stepping import sample_all, shown_names
 from unisim_blender.editing.edits.lines import EditLine
@@ -22,18 +22,6 @@ from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.scene import same
 from unisim_blender.features.edits import watch as edit_watch
 from unisim_blender.features.edits.panel import LineWidth, draw_line
-
-
-def lines(scene: Any) -> tuple[EditLine, ...]:
-    """The list of a scene."""
-    update()
-    return read_now(scene)
-
-
-def press(operator: Any, line: EditLine) -> None:
-    """Press a line's button."""
-    kind, name, part = line.key
-    assert operator(kind=kind, name=name, part=part, muted=line.muted) == {"FINISHED"}
 
 
 def test_an_imported_drive_has_no_edits(street: Any) -> None:

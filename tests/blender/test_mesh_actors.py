@@ -9,9 +9,19 @@ import bpy
 import numpy as np
 import pytest
 import trimesh
-from helpers import SAMPLE, edited, imported, read, select
-from test_sample_steps import ended
-from test_scenarios import assert_alike, drive_of, there_and_back
+from helpers import (
+    SAMPLE,
+    assert_alike,
+    crate,
+    drive_of,
+    edited,
+    ended,
+    imported,
+    material,
+    read,
+    select,
+    there_and_back,
+)
 
 from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.sampling.from_keys import sample_steps
@@ -23,25 +33,6 @@ from unisim_blender.core.scenario.edits import InsertMesh
 from unisim_blender.editing.motion.plausibility import warnings_of
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.scene import CHANGING, rigid
-
-
-def material(name: str, colour: tuple[float, float, float]) -> Any:
-    made = bpy.data.materials.new(name)
-    if made.node_tree is None:
-        made.use_nodes = True
-    made.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (*colour, 1.0)
-    return made
-
-
-def crate(at: tuple[float, float, float], scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Any:
-    """A cube of 2 m, times ``scale``, red but for its roof, which is green."""
-    bpy.ops.mesh.primitive_cube_add(size=2.0, location=at, scale=scale)
-    made = bpy.context.active_object
-    made.data.materials.append(material("red", (0.6, 0.1, 0.1)))
-    made.data.materials.append(material("green", (0.1, 0.6, 0.1)))
-    for polygon in made.data.polygons:
-        polygon.material_index = int(polygon.normal.z > 0.9)
-    return made
 
 
 def mark(*objects: Any, **options: Any) -> None:

@@ -2,41 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import bpy
 import numpy as np
 import pytest
-from edit_cases import CASES, standing, update
-from helpers import driving, read, select
-from test_edits_list import lines, press
+from edit_cases import CASES, lines, press, standing, update
+from helpers import content, driving, read, select
 
 from unisim_blender.bridge.objects.imported import imported_objects, is_copy, source_of
 from unisim_blender.bridge.sampling.stepping import sample_all
-from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.scene import same
-
-
-def numbers(value: Any) -> Any:
-    """A scenario's edits and sensors with numbers to 0.1 mm, so that one that was put back compares equal."""
-    if isinstance(value, dict):
-        return {name: numbers(part) for name, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [numbers(part) for part in value]
-    return round(value, 4) + 0.0 if isinstance(value, float) else value
-
-
-def content(scenario: Scenario) -> Any:
-    """What of a scenario the scene says."""
-    sensors = scenario.sensors and asdict(scenario.sensors)
-    return (
-        numbers([[type(edit).__name__, asdict(edit)] for edit in scenario.edits]),
-        numbers(sensors),
-        numbers({uid: asdict(box) for uid, box in (scenario.boxes or {}).items()}),
-    )
 
 
 def mute(scene: Any, number: int = 0) -> None:

@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 import pytest
 from edit_cases import CASES, standing, update
-from helpers import driving, select
+from helpers import driving, ended, select
 
 from unisim_blender.bridge.changes.variants import new_variant
 from unisim_blender.bridge.importing.drive import import_source
@@ -34,15 +34,6 @@ R = TypeVar("R")
 LIST_ALONE = {"ridden", "span"}
 """Members of sampled objects that the edits list alone reads."""
 PATH = Path("/tmp/scenario.json")
-
-
-def ended(steps: Generator[Any, None, R]) -> R:
-    """What a generator returns after all its steps."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
 
 
 def near(a: Any, b: Any) -> bool:

@@ -7,64 +7,19 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-import numpy as np
 import pytest
-from helpers import SAMPLE
+from helpers import SAMPLE, assert_alike, drive_of, there_and_back
 
 from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.objects.settings import rendered_keys
 from unisim_blender.core.scenario import (
-    apply_scenario,
     load_scenario,
     save_scenario,
     scenario_from_json,
     scenario_to_json,
 )
 from unisim_blender.core.scenario.types import FrameRange
-from unisim_blender.core.world.drive import Drive
-from unisim_blender.editing.sampled.scene import same
-from unisim_blender.editing.sampled.source import open_source, scene_actors
 from unisim_blender.features.drive.export_operators import scenario_of
-
-
-def drive_of(path: Path) -> Drive:
-    """The drive that a scenario leads to."""
-    scenario = load_scenario(path)
-    source = open_source(str(scenario.log_path), str(scenario.scene_path or ""))
-    return apply_scenario(scenario, source.drive, scene_actors)
-
-
-def assert_alike(a: Drive, b: Drive) -> None:
-    """The same actors, sensors, boxes, and the same poses at every frame."""
-    times = np.array([a.time_s[frame] for frame in a.frames])
-    assert a.frames == b.frames
-    assert set(a.actors) == set(b.actors)
-    for uid, one in a.actors.items():
-        other = b.actors[uid]
-        assert one.appearance == other.appearance and one.label == other.label, uid
-        there = one.present(times)
-        assert (there == other.present(times)).all(), uid
-        assert same(other.world_from_actor.at(times)[there], one.world_from_actor.at(times)[there]).all(), uid
-    assert same(b.world_from_ego.at(times), a.world_from_ego.at(times)).all()
-    assert set(a.cameras) == set(b.cameras) and set(a.lidars) == set(b.lidars)
-    for name, camera in a.cameras.items():
-        t = np.array(list(camera.time_s.values()))
-        assert camera.model == b.cameras[name].model
-        assert same(b.cameras[name].world_from_camera.at(t), camera.world_from_camera.at(t)).all(), name
-    for name, lidar in a.lidars.items():
-        t = np.array(list(lidar.time_s.values()))
-        assert same(b.lidars[name].world_from_lidar.at(t), lidar.world_from_lidar.at(t)).all(), name
-    assert len(a.static_copies) == len(b.static_copies) and len(a.static_removals) == len(b.static_removals)
-    for mine, theirs in zip(a.static_copies, b.static_copies, strict=True):
-        assert mine.uid == theirs.uid and same(theirs.world_from_target, mine.world_from_target)
-
-
-def there_and_back(path: Path, folder: Path) -> Path:
-    """Import a scenario into Blender and export it."""
-    assert bpy.ops.unisim.import_scenario(filepath=str(path)) == {"FINISHED"}
-    again = folder / "again.json"
-    assert bpy.ops.unisim.export_scenario(filepath=str(again)) == {"FINISHED"}
-    return again
 
 
 def test_the_sample(scene: Any, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from helpers import SAMPLE, edited, imported, read, select
 
-from unisim_blender.core.actor_images.cache import kept_images
+from unisim_blender.core.actor_images.cache import cached_images
 from unisim_blender.core.scenario.edits import Insert, Swap
 from unisim_blender.editing.actors.portraits import Portrait, portrait_path, save_portrait, saved_portrait
 from unisim_blender.features.actors import appearances as actor_choice
@@ -61,7 +61,9 @@ def test_a_process_makes_them_and_they_are_kept(scene: Any, street_log: Path) ->
     assert thumbnails.icon_of(log, first) == thumbnails.grey() and "grey" in thumbnails._collection()
     made(log)
     found = thumbnails.images_of(log)
-    assert set(found) == {o.unisim.uid for o in scene.objects if o.unisim.kind == "ACTOR"} and kept_images(log) == found
+    assert (
+        set(found) == {o.unisim.uid for o in scene.objects if o.unisim.kind == "ACTOR"} and cached_images(log) == found
+    )
     seen = next(uid for uid, one in found.items() if one.image)
     assert str(found[seen].image) not in thumbnails._collection()
     thumbnails.icon_of(log, seen)

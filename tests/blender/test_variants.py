@@ -11,10 +11,8 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from edit_cases import CASES, standing, update
-from helpers import SAMPLE, driving, read, select
-from test_edits_list import lines, press
-from test_muting import content
+from edit_cases import CASES, lines, press, standing, update
+from helpers import SAMPLE, content, driving, read, select
 
 from unisim_blender.bridge.changes.variants import delete_variant, variants_of
 from unisim_blender.bridge.objects.imported import imported_objects, is_copy

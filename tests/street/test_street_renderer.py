@@ -82,6 +82,7 @@ def test_its_tracer_renders_images_as_any_other(log: Path, renderer: DriveFrames
     assert image.instance is not None and truth.instance is not None
     uids = np.array(["", *image.instances]), np.array(["", *truth.instances])
     assert (uids[0][image.instance] == uids[1][truth.instance]).all() and (image.instance > 0).any()
+    assert image.normal is not None and truth.normal is not None
     np.testing.assert_allclose(image.normal, truth.normal, atol=1e-5)
     assert image.unsupported is not None and not image.unsupported.any()
 

@@ -53,7 +53,7 @@ def pandaset(root: Path, size: int) -> Written:
 
     from unisim_street.street import build_street
 
-    write_recipe(root, 900, seed=11, frames=4, width=96 * size, height=54 * size)
+    write_recipe(root, seed=11, frames=4, width=96 * size, height=54 * size)
     drive = build_street(seed=11, frames=4, width=96 * size, height=54 * size).drive
     dropped = root / "lidar" / "poses.json"
     return Written(root, dropped, drive, drive.cameras, moved(*drive.world_origin), 0.0, 1e-3)
@@ -128,8 +128,8 @@ def copy_of(layout: str) -> Callable[[Path, int], Written]:
     def write(root: Path, size: int) -> Written:
         def first(folder: Path) -> None:
             made = WRITERS[layout](folder, size)
-            paths = {"log": made.log.relative_to(folder), "dropped": made.dropped.relative_to(folder)}
-            (folder / "written.pickle").write_bytes(pickle.dumps(replace(made, **paths)))
+            inside = replace(made, log=made.log.relative_to(folder), dropped=made.dropped.relative_to(folder))
+            (folder / "written.pickle").write_bytes(pickle.dumps(inside))
 
         about = written_once(root, f"layout-{layout}-{size}", first) / "written.pickle"
         made: Written = pickle.loads(about.read_bytes())

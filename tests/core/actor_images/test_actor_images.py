@@ -15,7 +15,7 @@ from small_log import write_small_log
 from tiny_drive import tiny_drive
 
 from unisim_blender.core.actor_images.best_views import SIZE_PX, ActorView, best_views, crop
-from unisim_blender.core.actor_images.cache import clear_fraction, kept_folder, kept_images, make_images
+from unisim_blender.core.actor_images.cache import cached_images, clear_fraction, image_folder, make_images
 from unisim_blender.core.actor_images.names import class_name, full_name, group_of, plain_names, readable_names
 from unisim_blender.core.actor_images.paint import (
     colour_word,
@@ -238,28 +238,28 @@ def test_images_are_kept_until_the_log_changes(tmp_path: Path, monkeypatch: pyte
     path = tmp_path / "log"
     write_small_log(path)
     log = open_log(path)
-    assert kept_images(path) is None
+    assert cached_images(path) is None
     made = {one.uid: one for one in make_images(log)}
-    assert set(made) == set(log.drive.actors) and kept_images(path) == made
+    assert set(made) == set(log.drive.actors) and cached_images(path) == made
     assert all(one.image is None or one.image.read_bytes().startswith(b"\x89PNG") for one in made.values())
     assert any(one.image for one in made.values())
     image = next(one.image for one in made.values() if one.image)
     image.unlink()
-    assert kept_images(path) is None  # half of it is none of it
+    assert cached_images(path) is None  # half of it is none of it
     list(make_images(log))
-    index = kept_folder(path) / "actors.json"
+    index = image_folder(path) / "actors.json"
     index.write_text(json.dumps({"actors": 3}))
-    assert kept_images(path) is None
-    before = kept_folder(path)
+    assert cached_images(path) is None
+    before = image_folder(path)
     (path / "meta" / "new").parent.mkdir(exist_ok=True)
     (path / "meta" / "new").write_text("")
-    after = kept_folder(path)
+    after = image_folder(path)
     assert after != before
     recorded = next((path / "camera").rglob("*.jpg"))
     times = recorded.stat()
     recorded.write_bytes(recorded.read_bytes()[::-1])  # as large as before, with the time of before
     os.utime(recorded, ns=(times.st_atime_ns, times.st_mtime_ns))
-    assert kept_folder(path) != after
+    assert image_folder(path) != after
 
 
 def test_nothing_of_it_needs_pillow_before_a_thumbnail_is_made() -> None:

@@ -101,7 +101,7 @@ def best_views(
         _appearance(actors, camera, tuple(frame for frame in image_frames.get(name, ()) if frame in camera.time_s))
         for name, camera in drive.cameras.items()
     ]
-    seen = [one for one in seen if one.frames]
+    seen = [camera_views for camera_views in seen if camera_views.frames]
     return {
         actor.uid: _spread(_views(actor, number, seen, outlines or {}), most) for number, actor in enumerate(actors)
     }
@@ -109,13 +109,13 @@ def best_views(
 
 def _spread(views: list[ActorView], most: int) -> list[ActorView]:
     """The first views that are no neighbours of each other: the next frame shows the same again."""
-    found: list[ActorView] = []
+    chosen: list[ActorView] = []
     for view in views:
-        if len(found) < most and all(
-            one.camera != view.camera or abs(one.frame - view.frame) >= APART for one in found
+        if len(chosen) < most and all(
+            other.camera != view.camera or abs(other.frame - view.frame) >= APART for other in chosen
         ):
-            found.append(view)
-    return found
+            chosen.append(view)
+    return chosen
 
 
 def _appearance(actors: list[Actor], camera: Camera, frames: tuple[int, ...]) -> _Seen:
@@ -155,25 +155,25 @@ def _area(rectangles: FloatArray) -> FloatArray:
 def _views(actor: Actor, number: int, seen: list[_Seen], outlines: Outlines) -> list[ActorView]:
     """The views of one actor, best first."""
     ranked = []
-    for at, one in enumerate(seen):
-        for i in np.flatnonzero(one.there[number]):
-            cut, full = _area(one.cut[number, i]), _area(one.full[number, i])
+    for at, in_camera in enumerate(seen):
+        for i in np.flatnonzero(in_camera.there[number]):
+            cut, full = _area(in_camera.cut[number, i]), _area(in_camera.full[number, i])
             inside = float(cut / full)
             ranked.append((float(np.sqrt(min(float(cut), ENOUGH_PX)) * inside**2), float(cut), at, int(i), inside))
     ranked.sort(reverse=True)
-    found = []
+    views = []
     for _, _, at, i, inside in ranked[:CANDIDATES]:
-        one = seen[at]
-        others = one.there[:, i] & (one.depth_m[:, i] < one.depth_m[number, i] - 0.1)
-        nearer = one.cut[others, i]
-        frame = one.frames[i]
-        pose = actor.world_from_actor.at(one.camera.time_s[frame])
+        in_camera = seen[at]
+        others = in_camera.there[:, i] & (in_camera.depth_m[:, i] < in_camera.depth_m[number, i] - 0.1)
+        nearer = in_camera.cut[others, i]
+        frame = in_camera.frames[i]
+        pose = actor.world_from_actor.at(in_camera.camera.time_s[frame])
         view = ActorView(
-            one.camera.sensor_id, frame, one.cut[number, i], pose, one.camera_poses[i], 1.0, inside, nearer,
-            outline=outlines.get(one.camera.sensor_id),
+            in_camera.camera.sensor_id, frame, in_camera.cut[number, i], pose, in_camera.camera_poses[i], 1.0, inside, nearer,
+            outline=outlines.get(in_camera.camera.sensor_id),
         )  # fmt: skip
-        found.append(replace(view, visible=_visible(view, one.camera.model)))
-    return sorted(found, key=lambda view: -view.score)
+        views.append(replace(view, visible=_visible(view, in_camera.camera.model)))
+    return sorted(views, key=lambda view: -view.score)
 
 
 def _visible(view: ActorView, model: CameraModel) -> float:

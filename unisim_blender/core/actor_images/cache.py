@@ -67,17 +67,17 @@ def cleared(log: Log, actors: Mapping[str, Actor], views: Mapping[str, list[Acto
                 nearest = int(frames[np.abs(frames - view.frame).argmin()])
                 if abs(nearest - view.frame) <= APART:
                     wanted.setdefault(nearest, []).append((uid, number))
-    found = {uid: list(some) for uid, some in views.items()}
+    ranked = {uid: list(some) for uid, some in views.items()}
     for frame, those in sorted(wanted.items()):
         try:
             points = log.sweep(lidar, frame).points
         except (UnisimError, OSError):
             continue
         for uid, number in those:
-            view = found[uid][number]
+            view = ranked[uid][number]
             clear = clear_fraction(points, actors[uid].size_m, view, log.drive.cameras[view.camera].model)
-            found[uid][number] = replace(view, clear=clear)
-    return {uid: sorted(some, key=lambda view: -view.score) for uid, some in found.items()}
+            ranked[uid][number] = replace(view, clear=clear)
+    return {uid: sorted(some, key=lambda view: -view.score) for uid, some in ranked.items()}
 
 
 VERSION = 1
@@ -100,7 +100,7 @@ class ActorImage:
     image: Path | None
 
 
-def kept_folder(log_path: Path) -> Path:
+def image_folder(log_path: Path) -> Path:
     """Return the folder of a log's thumbnails: another one where the log lies elsewhere or any of its files has changed."""
     files = sorted(path for path in log_path.rglob("*") if path.is_file()) if log_path.is_dir() else [log_path]
     stamps = [(str(path), *file_stamp(path)) for path in files if path.is_file()]
@@ -108,18 +108,18 @@ def kept_folder(log_path: Path) -> Path:
     return cache_folder() / "actors" / hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
-def kept_images(log_path: Path) -> dict[str, ActorImage] | None:
+def cached_images(log_path: Path) -> dict[str, ActorImage] | None:
     """Return what is kept of a log's actors by id; None where it has not been made, or not completely."""
-    folder = kept_folder(log_path)
+    folder = image_folder(log_path)
     try:
         document = json.loads((folder / INDEX).read_text())
-        entries = {uid: _kept_image(uid, entry, folder) for uid, entry in document["actors"].items()}
-        return entries if all(one.image is None or one.image.is_file() for one in entries.values()) else None
+        entries = {uid: _cached_image(uid, entry, folder) for uid, entry in document["actors"].items()}
+        return entries if all(entry.image is None or entry.image.is_file() for entry in entries.values()) else None
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
 
 
-def _kept_image(uid: str, entry: dict[str, str], folder: Path) -> ActorImage:
+def _cached_image(uid: str, entry: dict[str, str], folder: Path) -> ActorImage:
     """Return an entry of the index. Raises ValueError, KeyError or TypeError for what `make_images` does not write."""
     word, name = entry["word"], entry["image"]
     if not isinstance(word, str) or (name and Path(name).name != name):
@@ -132,18 +132,19 @@ def make_images(log: Log) -> Iterator[ActorImage]:
 
     Every image and every sweep is read once. Raises `OutputError` where the cache folder cannot be written.
     """
-    folder, actors = kept_folder(log.path), log.drive.actors
+    folder, actors = image_folder(log.path), log.drive.actors
     frames = {name: log.image_frames(name) for name in log.drive.cameras}
     views = cleared(log, actors, best_views(log.drive, frames, LOOKED_AT, _outlines(log)))
-    made: dict[str, ActorImage] = {}
-    for one in _from_images(log, actors, views, folder):
-        made[one.uid] = one
-        yield one
-    for uid in sorted(set(actors) - set(made)):
-        made[uid] = ActorImage(uid, "", None)
-        yield made[uid]
+    images: dict[str, ActorImage] = {}
+    for image in _from_images(log, actors, views, folder):
+        images[image.uid] = image
+        yield image
+    for uid in sorted(set(actors) - set(images)):
+        images[uid] = ActorImage(uid, "", None)
+        yield images[uid]
     entries = {
-        uid: {"word": one.word, "image": one.image.name if one.image else ""} for uid, one in sorted(made.items())
+        uid: {"word": image.word, "image": image.image.name if image.image else ""}
+        for uid, image in sorted(images.items())
     }
     document = {"format": "unisim-actor-images", "version": VERSION, "log": str(log.path.resolve()), "actors": entries}
     write_file(folder / INDEX, json.dumps(document, indent=1).encode())
@@ -152,7 +153,7 @@ def make_images(log: Log) -> Iterator[ActorImage]:
 def _outlines(log: Log) -> dict[str, tuple[Outline, int]]:
     """The recording vehicle's outline in each camera's images, where it is in them; they are read at a
     quarter of their size."""
-    found = {}
+    outlines = {}
     for name in log.drive.cameras:
         moved = moved_frames(log.drive, log.image_frames(name))
         some = moved[:: max(1, len(moved) // OUTLINE_IMAGES)]
@@ -163,11 +164,11 @@ def _outlines(log: Log) -> dict[str, tuple[Outline, int]]:
         model = log.drive.cameras[name].model
         small = replace(model, width=-(-model.width // 2), height=-(-model.height // 2))
         shown = image_mask(model)
-        found_here = find_outline(images, None if shown is None else shown[::2, ::2])
-        outline = joined(found_here, given_outline(log, name, small))
+        estimated = find_outline(images, None if shown is None else shown[::2, ::2])
+        outline = joined(estimated, given_outline(log, name, small))
         if outline is not None:
-            found[name] = outline, small.height
-    return found
+            outlines[name] = outline, small.height
+    return outlines
 
 
 def _from_images(
@@ -205,7 +206,11 @@ def _from_images(
 
 def tell(log: Log) -> None:
     """Make a log's thumbnails and words, and write a line of JSON for each actor to standard output."""
-    for one in make_images(log):
-        line = {"uid": one.uid, "word": one.word, "image": str(one.image) if one.image else ""}
+    for actor_image in make_images(log):
+        line = {
+            "uid": actor_image.uid,
+            "word": actor_image.word,
+            "image": str(actor_image.image) if actor_image.image else "",
+        }
         sys.stdout.write(json.dumps(line) + "\n")
         sys.stdout.flush()

@@ -93,7 +93,7 @@ class Fingerprint:
         def numbers(child: Node, shape: tuple[int, ...]) -> FloatArray | None:
             if child.value is None:
                 return None
-            values = [np.nan if one.value is None else one.number() for one in child.elements()]
+            values = [np.nan if number.value is None else number.number() for number in child.elements()]
             if len(values) != np.prod(shape):
                 child.fail(f"must be {np.prod(shape)} numbers")
             return np.array(values).reshape(shape)
@@ -397,12 +397,12 @@ class AlignedLog:
 def aligned(own: Fingerprint, log: Log, world_origin: FloatArray, place: str) -> Log:
     """Return a log in the world of a fingerprint, itself where that is its own. Raises `SceneError`, which begins with
     ``place``, where it is of another drive; ``world_origin`` is that of the fingerprint's drive."""
-    found = compare_log(own, log)
-    if found.difference:
-        what = f" (compared: {found.compared})" if found.compared else ""
-        raise SceneError(f"{place} another drive than {log.path}: {found.difference}{what}")
-    if not found.is_moved:
+    comparison = compare_log(own, log)
+    if comparison.difference:
+        what = f" (compared: {comparison.compared})" if comparison.compared else ""
+        raise SceneError(f"{place} another drive than {log.path}: {comparison.difference}{what}")
+    if not comparison.is_moved:
         return log
-    moved: Any = AlignedLog(log, found, world_origin)
+    moved: Any = AlignedLog(log, comparison, world_origin)
     other: Log = moved
     return other

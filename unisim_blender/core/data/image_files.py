@@ -95,18 +95,18 @@ def files_by_stem(folder: Path, suffixes: Iterable[str], notes: Notes | None = N
         paths = sorted(folder.iterdir()) if folder.is_dir() else []
     except OSError as error:
         raise LogError(f"{folder}: cannot be read ({error.strerror})") from error
-    found: dict[str, tuple[int, Path]] = {}
+    by_stem: dict[str, tuple[int, Path]] = {}
     for path in paths:
         name = path.name.lower()
         suffix = next((suffix for suffix in order if name.endswith(suffix)), None)
         if suffix is None:
             continue
         stem, here = path.name[: -len(suffix)], (order[suffix], path)
-        taken, other = sorted((found.setdefault(stem, here), here))
+        taken, other = sorted((by_stem.setdefault(stem, here), here))
         if taken is not other and notes is not None:
             notes.say(f"twice {folder}", f"{taken[1]}: is read, and {other[1].name} beside it is not")
-        found[stem] = taken
-    return {stem: path for stem, (_, path) in found.items()}
+        by_stem[stem] = taken
+    return {stem: path for stem, (_, path) in by_stem.items()}
 
 
 def image_suffixes(own: str) -> tuple[str, ...]:

@@ -41,9 +41,9 @@ def read_image(
     header = image_header(source, where)
     turned = header.orientation != UPRIGHT and header.upright == size
     if not turned and header.stored != size:
-        found = "{}x{} pixels".format(*header.upright)
+        size_text = "{}x{} pixels".format(*header.upright)
         exif = "" if header.stored == header.upright else f", turned as its EXIF orientation {header.orientation} says"
-        raise LogError(f"{where}: has {found}{exif}, {stated}")
+        raise LogError(f"{where}: has {size_text}{exif}, {stated}")
     if header.orientation != UPRIGHT:
         done = (
             f"is turned to {size[0]}x{size[1]} pixels"

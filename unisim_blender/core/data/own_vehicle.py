@@ -32,7 +32,7 @@ outline, and at its 10th percentile. 1 is an edge that is the same in every imag
 the one camera that shows the vehicle has 0.95 and 0.93; the others have at most 0.73 and 0.60."""
 OUTSIDE_COST = 0.3
 """Of a column in which an outline leaves what a lens shows: more than of a lasting edge, less than of any other."""
-LEAST_TOLD = 0.3
+LEAST_KNOWN = 0.3
 """Share of the columns with pixels that tell in which an outline has to lie among them."""
 STEEPEST = 3
 """How many rows an outline may rise or fall from one column of pixels to the next."""
@@ -45,15 +45,15 @@ the vehicle."""
 
 def moved_frames(drive: Drive, frames: Sequence[int]) -> list[int]:
     """Of the frames of the drive that are among ``frames``, those between which the vehicle moves."""
-    kept: list[int] = []
+    moved: list[int] = []
     last: NDArray[np.float64] | None = None
     there = [frame for frame in frames if frame in drive.time_s]
     places = drive.world_from_ego.positions_at(np.array([drive.time_s[frame] for frame in there]))
     for frame, place in zip(there, places, strict=True):
         if last is None or np.linalg.norm(place - last) >= LEAST_MOVED_M:
-            kept.append(frame)
+            moved.append(frame)
             last = place
-    return kept
+    return moved
 
 
 def find_outline(images: Sequence[NDArray[np.uint8]], shown: BoolArray | None = None) -> Outline | None:
@@ -75,9 +75,9 @@ def find_outline(images: Sequence[NDArray[np.uint8]], shown: BoolArray | None = 
     top = lasting.shape[0] // 2
     telling = np.ones(lasting.shape, bool) if shown is None else _well_inside(shown, step)
     rows = _seam(np.where(telling, 1 - lasting, OUTSIDE_COST)[top:]) + top
-    told = telling[rows, np.arange(len(rows))]
-    along = lasting[rows, np.arange(len(rows))][told]
-    if told.sum() < max(1, LEAST_TOLD * telling.any(0).sum()):
+    is_known = telling[rows, np.arange(len(rows))]
+    along = lasting[rows, np.arange(len(rows))][is_known]
+    if is_known.sum() < max(1, LEAST_KNOWN * telling.any(0).sum()):
         return None
     if along.mean() < LASTING_MEAN or np.percentile(along, 10) < LASTING_LOW:
         return None
@@ -115,11 +115,11 @@ def given_outline(log: Log, camera: str, model: CameraModel) -> Outline | None:
     return np.asarray(np.floor(rows * (model.height / recorded.height)), np.int64)
 
 
-def joined(found: Outline | None, given: Outline | None) -> Outline | None:
+def joined(estimated: Outline | None, given: Outline | None) -> Outline | None:
     """The outline of what either shows; both are of images of one size."""
-    if found is None or given is None:
-        return given if found is None else found
-    return np.minimum(found, given)
+    if estimated is None or given is None:
+        return given if estimated is None else estimated
+    return np.minimum(estimated, given)
 
 
 def _well_inside(shown: BoolArray, step: int) -> BoolArray:
@@ -207,8 +207,10 @@ def outlines_to_json(outlines: dict[str, tuple[Outline, int]]) -> dict[str, Any]
 
 def outlines_from_json(value: Any) -> dict[str, tuple[Outline, int]]:
     """The other way round; what is no such object counts as none."""
-    found = value if isinstance(value, dict) else {}
-    return {str(name): (np.array(one["rows"], np.int64), int(one["height"])) for name, one in found.items()}
+    outlines = value if isinstance(value, dict) else {}
+    return {
+        str(name): (np.array(outline["rows"], np.int64), int(outline["height"])) for name, outline in outlines.items()
+    }
 
 
 def check_outlines(node: Node) -> Any:

@@ -32,22 +32,22 @@ class RoadCells:
         on, off = np.isin(cells, self.road), np.isin(cells, self.other)
         around = cells[:, None] + _AROUND
         near_road, near_other = (np.isin(around, some).any(1) for some in (self.road, self.other))
-        found = on | (near_road & ~off)
-        return found, found | off | near_other
+        is_road = on | (near_road & ~off)
+        return is_road, is_road | off | near_other
 
 
 def road_cells(log: Log) -> RoadCells | None:
     """Return the road of a log, by `LogExtras.road`; None where no sweep tells of it. Raises `LogError`."""
     is_road = extras_of(log).road
     classes = [np.array([number for number, road in is_road.items() if road is wanted]) for wanted in (True, False)]
-    found: list[list[NDArray[np.int64]]] = [[], []]
-    scanning = [name for name, one in log.drive.lidars.items() if one.model.beams]
+    by_kind: list[list[NDArray[np.int64]]] = [[], []]
+    scanning = [name for name, sensor in log.drive.lidars.items() if sensor.model.beams]
     for lidar in scanning if is_road else ():
         for frame in _spread(log, lidar):
             sweep = log.sweep(lidar, frame)
-            for numbers, cells in zip(classes, found, strict=True):
+            for numbers, cells in zip(classes, by_kind, strict=True):
                 cells.append(np.unique(_numbers(sweep.points[np.isin(sweep.semantic, numbers), :2])))
-    road, other = (np.unique(np.concatenate([np.zeros(0, np.int64), *cells])) for cells in found)
+    road, other = (np.unique(np.concatenate([np.zeros(0, np.int64), *cells])) for cells in by_kind)
     return RoadCells(road, np.setdiff1d(other, road)) if len(road) else None
 
 

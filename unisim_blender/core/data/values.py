@@ -180,19 +180,21 @@ def doubts(log: Log, cameras: Collection[str] | None = None, lidars: Collection[
     Images and sweeps are looked at of some ``cameras`` and ``lidars``; of all where these are None.
     """
     drive = log.drive
-    found = [*_ego_doubts(log.path, drive), *_actor_doubts(log.path, drive)]
+    sentences = [*_ego_doubts(log.path, drive), *_actor_doubts(log.path, drive)]
     for name, camera in drive.cameras.items():
-        found += _camera_doubts(f"{log.path}: {name}", camera, drive)
+        sentences += _camera_doubts(f"{log.path}: {name}", camera, drive)
         if cameras is None or name in cameras:
-            found += _image_doubts(log, name, camera)
+            sentences += _image_doubts(log, name, camera)
     for name, lidar in drive.lidars.items():
-        found += _mount_doubts(f"{log.path}: {name}", lidar, lidar.world_from_lidar, drive)
-        found += _angle(LIDAR_TILT, f"{log.path}: {name}", lidar.world_from_lidar, drive, np.array([0.0, 0, 1]), True)
+        sentences += _mount_doubts(f"{log.path}: {name}", lidar, lidar.world_from_lidar, drive)
+        sentences += _angle(
+            LIDAR_TILT, f"{log.path}: {name}", lidar.world_from_lidar, drive, np.array([0.0, 0, 1]), True
+        )
         if lidar.model.beams and lidar.model.sweep_s:
-            found += TURN.doubt(f"{log.path}: {name}", lidar.model.sweep_s)
+            sentences += TURN.doubt(f"{log.path}: {name}", lidar.model.sweep_s)
         if lidars is None or name in lidars:
-            found += _sweep_doubts(log, name, lidar)
-    return list(dict.fromkeys([*found, *extras_of(log).notes.values()]))
+            sentences += _sweep_doubts(log, name, lidar)
+    return list(dict.fromkeys([*sentences, *extras_of(log).notes.values()]))
 
 
 def _times(drive: Drive) -> FloatArray:
@@ -286,9 +288,9 @@ def _sweep_doubts(log: Log, name: str, lidar: Lidar) -> Iterator[str]:
         except LogError as fault:
             yield str(fault)
             return
-        found = list(_return_doubts(f"{log.path}: {name}: sweep {frame}", sweep, lidar))
-        yield from found
-        if found:
+        sentences = list(_return_doubts(f"{log.path}: {name}: sweep {frame}", sweep, lidar))
+        yield from sentences
+        if sentences:
             return
 
 

@@ -113,8 +113,8 @@ class FinishedRun:
             yield self._mounted()
         merged: Iterator[tuple[int, float, _Entry | RolloutEgo | PlannedPoses]]
         merged = heapq.merge(files, driven, key=lambda one: one[:2])
-        for _, _, one in merged:
-            yield self._message(one) if isinstance(one, _Entry) else one
+        for _, _, item in merged:
+            yield self._message(item) if isinstance(item, _Entry) else item
 
     def images(self) -> Iterator[tuple[ImageMessage, Node]]:
         """Yield all images in the order of time, and of each the part of the labels that has the boxes' poses in its camera's
@@ -169,7 +169,7 @@ class FinishedRun:
         times: dict[str, list[float]] = {}
         for entry in self._entries:
             times.setdefault(entry.sensor_id, []).append(entry.time_ns / SECOND_NS)
-        found = {}
+        mounts = {}
         for name, captured in times.items():
             camera, lidar = self.drive.cameras.get(name), self.drive.lidars.get(name)
             if camera is not None:
@@ -183,8 +183,8 @@ class FinishedRun:
             at = np.array(every)
             mount = mean_pose(invert_pose(self.drive.world_from_ego.at(at)) @ track.at(at))
             if mount[1] <= STEADY_M and mount[2] <= STEADY_RAD:
-                found[name] = mount
-        return found
+                mounts[name] = mount
+        return mounts
 
     def _mounted(self) -> Mounts:
         first = self._entries[0].time_ns + self.shift_ns
@@ -245,15 +245,15 @@ class FinishedRun:
 
 def _with_neighbours(steps: Iterator[RolloutStep]) -> Iterator[tuple[RolloutStep, RolloutStep, RolloutStep]]:
     """Yield each step between the one before and the one after; at the ends it stands for the one that is not there."""
-    held: list[RolloutStep] = []
+    last: list[RolloutStep] = []
     for step in steps:
-        held = [*held[-2:], step]
-        if len(held) == 2:
-            yield held[0], held[0], held[1]
-        elif len(held) == 3:
-            yield held[0], held[1], held[2]
-    if held:
-        yield held[max(len(held) - 2, 0)], held[-1], held[-1]
+        last = [*last[-2:], step]
+        if len(last) == 2:
+            yield last[0], last[0], last[1]
+        elif len(last) == 3:
+            yield last[0], last[1], last[2]
+    if last:
+        yield last[max(len(last) - 2, 0)], last[-1], last[-1]
 
 
 def _yaw_rate(before: RolloutStep, after: RolloutStep) -> float:

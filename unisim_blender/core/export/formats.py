@@ -121,20 +121,20 @@ def rendered_drive(plan: RenderPlan) -> Drive:
 
 def _times(sensor: Camera | Lidar, moments: Sequence[Moment]) -> dict[int, float]:
     """Return when a sensor was captured, by the numbers of the moments."""
-    found = {}
+    times = {}
     for i, moment in enumerate(moments):
         captures = moment.cameras if isinstance(sensor, Camera) else moment.lidars
-        own = next((one for one in captures if one.sensor_id == sensor.sensor_id), None)
+        own = next((capture for capture in captures if capture.sensor_id == sensor.sensor_id), None)
         if own is not None:
-            found[i] = own.time_s(sensor)
-    return found
+            times[i] = own.time_s(sensor)
+    return times
 
 
 def _write_videos(plan: RenderPlan, out: Path) -> None:
     from ..output.video import playback, write_video
 
     for name in plan.settings.cameras:
-        shown = [one for one in plan.moments if any(capture.sensor_id == name for capture in one.cameras)]
+        shown = [moment for moment in plan.moments if any(capture.sensor_id == name for capture in moment.cameras)]
         times = [moment.time_s(plan.drive) for moment in shown]
         rate, counts = playback(times)
         paths = [camera_path(out, name, moment.name, ".png") for moment in shown]
@@ -150,7 +150,7 @@ WRITERS = {
 """The formats beside those of runs."""
 
 
-RUN_FORMATS: dict[str, RunFormat] = {one.name: one for one in (MCAP, ROSBAG, COCO)}
+RUN_FORMATS: dict[str, RunFormat] = {form.name: form for form in (MCAP, ROSBAG, COCO)}
 
 SENSORS = {"png": "cameras", "npz": "lidars"}
 """Formats of frames that runs without such sensors do without."""

@@ -76,9 +76,9 @@ class FTheta(Lens):
         """Return both polynomials with the radius in pixels, and the linear stretch, of a camera with these focal lengths: pixels
         for radians, radians for pixels, coefficients of powers 1, 2, 3, ... The one that the lens does not have is fitted with
         ``count`` coefficients. Both axes are scaled by ``fy``; what fx is more goes into the stretch."""
-        kept = np.array(self._coefficients)
+        coefficients = np.array(self._coefficients)
         forward = bool(self.radius_from_angle)
-        kept = kept * (fy if forward else fy ** -np.arange(1.0, 1 + len(kept)))
+        coefficients = coefficients * (fy if forward else fy ** -np.arange(1.0, 1 + len(coefficients)))
         angles = np.linspace(0, self.max_angle_rad * (1 - 1e-9), FIT_POINTS)
         plane, _ = FTheta(self.radius_from_angle, self.angle_from_radius, self.max_angle_deg).project(
             np.stack([np.sin(angles), np.zeros(FIT_POINTS), np.cos(angles)], -1)
@@ -89,7 +89,7 @@ class FTheta(Lens):
         other = fitted / at[-1] ** np.arange(1, count + 1)
         c, d, e = self.linear
         stretch = (c * fx / fy, d * fx / fy, e)
-        return (kept, other, stretch) if forward else (other, kept, stretch)
+        return (coefficients, other, stretch) if forward else (other, coefficients, stretch)
 
     @property
     def max_angle_rad(self) -> float:

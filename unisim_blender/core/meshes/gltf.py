@@ -105,10 +105,10 @@ class _Reader:
         items = self.document.get(kind, [])
         if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < len(items):
             raise self.fail(f"{kind}[{short(index)}] is named and not there: there are {len(items)}")
-        found = items[index]
-        if not isinstance(found, dict):
-            raise self.fail(f"{kind}[{index}] is {short(found)}, not an object")
-        return found
+        entry = items[index]
+        if not isinstance(entry, dict):
+            raise self.fail(f"{kind}[{index}] is {short(entry)}, not an object")
+        return entry
 
     # ---- bytes and numbers
     def _uri(self, uri: str, what: str) -> bytes:
@@ -243,7 +243,7 @@ class _Reader:
     def parts(self) -> list[MeshPart]:
         if self.document.get("animations"):
             self.note("animations are left out: the mesh stands as at rest")
-        found = []
+        parts = []
         for i in self.visible:
             node = self.item("nodes", i)
             if "EXT_mesh_gpu_instancing" in node.get("extensions", {}):
@@ -253,8 +253,8 @@ class _Reader:
                 for k, primitive in enumerate(mesh["primitives"]):
                     part = self._primitive(primitive, mesh, node, i, f"meshes[{node['mesh']}].primitives[{k}]")
                     if part is not None:
-                        found.append(part)
-        return found
+                        parts.append(part)
+        return parts
 
     def _primitive(
         self, primitive: dict[str, Any], mesh: dict[str, Any], node: dict[str, Any], index: int, place: str

@@ -180,7 +180,7 @@ class MeshActors:
         near = np.flatnonzero(self._near(centres, 2.0 * up / least_pixels_per_rad(camera.model)))
         side = up * SIDE
         offset = ((np.arange(side) + 0.5) / side - 0.5) * up
-        found = []
+        chunks = []
         step = max(1, CHUNK_RAYS // side**2)
         levels: dict[int, FloatArray] = {}
         for begin in range(0, len(near), step):
@@ -197,8 +197,8 @@ class MeshActors:
             if hit.any():
                 table = np.stack([levels.get(i, np.zeros(3)) for i in range(len(self.actors))])
                 light[hit] = lit(colours[hit], normals[hit], table[actor[hit]])
-            found.append(_cell_means(part, up, hit, t, actor, normals, np.clip(light, 0, 1)))
-        return _joined(found)
+            chunks.append(_cell_means(part, up, hit, t, actor, normals, np.clip(light, 0, 1)))
+        return _joined(chunks)
 
     def hit_by_rays(self, rays: Rays, near_m: float) -> MeshHits | None:
         """Return the mesh hits of single rays (N, 3), (N, 3), (N,), such as a LiDAR's beams; None where there are
@@ -289,13 +289,13 @@ def _cell_means(
     return MeshHits(cells[some], depth[some], hits.mean(1)[some], mean[some], owner[some, 0], pixels[some])
 
 
-def _joined(found: Sequence[MeshHits]) -> MeshHits | None:
-    found = [mesh_hits for mesh_hits in found if len(mesh_hits.ray)]
-    if not found:
+def _joined(chunks: Sequence[MeshHits]) -> MeshHits | None:
+    chunks = [mesh_hits for mesh_hits in chunks if len(mesh_hits.ray)]
+    if not chunks:
         return None
-    pixels = np.concatenate([mesh_hits.pixels for mesh_hits in found if mesh_hits.pixels is not None])
+    pixels = np.concatenate([mesh_hits.pixels for mesh_hits in chunks if mesh_hits.pixels is not None])
     ray, t, share, normals, actor = (
         np.concatenate(column)
-        for column in zip(*((m.ray, m.t, m.share, m.normals, m.actor) for m in found), strict=True)
+        for column in zip(*((m.ray, m.t, m.share, m.normals, m.actor) for m in chunks), strict=True)
     )
     return MeshHits(ray, t, share, normals, actor, pixels)

@@ -108,7 +108,7 @@ def _of_material(
 
 def _corner(word: str, counts: tuple[int, int, int], line: int, path: Path) -> tuple[int, ...]:
     """Numbers of a corner's vertex, texture coordinate and normal, from 0; -1 for one that it does not have."""
-    found = [-1, -1, -1]
+    places = [-1, -1, -1]
     for k, text in enumerate(word.split("/")[:3]):
         if not text:
             continue
@@ -117,10 +117,10 @@ def _corner(word: str, counts: tuple[int, int, int], line: int, path: Path) -> t
         if number == 0 or not 0 <= at < counts[k]:
             what = ("vertex", "texture coordinate", "normal")[k]
             raise ScenarioError(f"{path}: line {line} names {what} {number}, which is not there: there are {counts[k]}")
-        found[k] = at
-    if found[0] < 0:
+        places[k] = at
+    if places[0] < 0:
         raise ScenarioError(f"{path}: line {line} names no vertex: {short(word)}")
-    return tuple(found)
+    return tuple(places)
 
 
 def _read_libraries(rest: str, names: list[str], materials: dict[str, _Material], path: Path, notes: list[str]) -> None:

@@ -76,7 +76,7 @@ def _ears(corners: FloatArray, normal: FloatArray) -> NDArray[Any]:
         (ax, ay), (bx, by), (cx, cy) = flat[a], flat[b], flat[c]
         return float((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
 
-    left, found = list(range(len(corners))), []
+    left, ears = list(range(len(corners))), []
     side = np.sign(sum(area(0, k, k + 1) for k in range(1, len(corners) - 1)))
     while len(left) > 3:
         for k in range(len(left)):
@@ -89,9 +89,9 @@ def _ears(corners: FloatArray, normal: FloatArray) -> NDArray[Any]:
                 break
         else:
             k, (a, b, c) = 0, (left[-1], left[0], left[1])  # crosses itself
-        found.append((a, b, c))
+        ears.append((a, b, c))
         del left[k]
-    return np.array([*found, tuple(left)])
+    return np.array([*ears, tuple(left)])
 
 
 def check_corners(faces: NDArray[Any], count: int, path: Path, face: Callable[[int], tuple[int, list[int]]]) -> None:

@@ -81,7 +81,7 @@ def copies_used(known: Iterable[Copy] = ()) -> Iterator[dict[tuple[str, str], Co
     something else lies at their URLs by now; one that is not on this machine is fetched where it was. Raises `InputError`."""
     used = {copy.key: copy for copy in known}
     for copy in used.values():
-        if not _held(copy) and _fetched(copy.url, copy.part, copy.root).digest != copy.digest:
+        if not _in_use(copy) and _fetched(copy.url, copy.part, copy.root).digest != copy.digest:
             raise InputError(f"{copy.url}: is not what it was when the batch was planned")
     token = _used.set(used)
     try:
@@ -124,23 +124,23 @@ def _fetched(url: str, part: FolderPart | None, root: Path) -> Copy:
     stamp = _stamp(url, _name(part), listing)
     known = root / "known" / f"{stamp}.json"
     with _alone(root, stamp):
-        if stamp and (copy := _known_copy(url, part, root, known)) is not None and _held(copy):
+        if stamp and (copy := _known_copy(url, part, root, known)) is not None and _in_use(copy):
             return copy
-        copy, sizes = _made(url, part, root, fs, listing, stamp)
+        copy, sizes = _fetch(url, part, root, fs, listing, stamp)
         if stamp:
             document = {"url": url, "part": _name(part), "digest": copy.digest, "sizes": sizes}
             write_file(known, (json.dumps(document, indent=1) + "\n").encode())
     return copy
 
 
-def _held(copy: Copy) -> bool:
+def _in_use(copy: Copy) -> bool:
     """Have a copy stay while this process runs; whether it is there. Raises `InputError`."""
-    with _kept_below(copy.root, copy.url):
+    with _writing_below(copy.root, copy.url):
         return hold(copy.root, copy.digest) and copy.path.exists()
 
 
 @contextmanager
-def _kept_below(root: Path, url: str) -> Iterator[None]:
+def _writing_below(root: Path, url: str) -> Iterator[None]:
     """Within it, a system that cannot write is an `InputError`."""
     try:
         yield
@@ -156,8 +156,8 @@ def _listed(url: str, fs: Any, path: str) -> _Listing:
         try:
             if url.startswith(("http://", "https://")):  # what it would list are the links in a page
                 return {"": fs.info(path)}
-            found = fs.find(path, detail=True)
-            files = {name[len(top) :].lstrip("/"): one for name, one in found.items() if not name.endswith("/")}
+            entries = fs.find(path, detail=True)
+            files = {name[len(top) :].lstrip("/"): entry for name, entry in entries.items() if not name.endswith("/")}
             return {"": fs.info(path)} if list(files) == [""] else files
         except FileNotFoundError:
             return {}
@@ -200,13 +200,13 @@ def _is_whole(copy: Copy, sizes: Mapping[str, int]) -> bool:
     return all((copy.path / name if name else copy.path).stat().st_size == size for name, size in sizes.items())
 
 
-def _made(
+def _fetch(
     url: str, part: FolderPart | None, root: Path, fs: Any, listing: _Listing, stamp: str
 ) -> tuple[Copy, dict[str, int]]:
     """Fetch the files, and put them where their digest says; the copy, and its files' sizes."""
     sizes = {name: size for name, size in listing.sizes.items() if size is not None}
     chosen = set(listing.sizes) if part is None or len(sizes) < len(listing.sizes) else set(part.chosen(sizes))
-    with _kept_below(root, url):
+    with _writing_below(root, url):
         make_room(root, sum(sizes.get(name, 0) for name in chosen))
         temporary = _temporary(root, stamp)
         try:

@@ -47,7 +47,7 @@ def hold(root: Path, digest: str, put: Callable[[], object] | None = None, size:
             return (root / "copies" / digest).is_dir()
         if not (root / "copies" / digest).is_dir():
             return False
-        _Held.of(root).add(digest)
+        _InUse.of(root).add(digest)
         os.utime(_marker(root, digest, size))
     return True
 
@@ -65,12 +65,12 @@ def make_room(root: Path, needed: int) -> None:
         total = sum(map(_bytes, markers)) + needed
         if total <= most:
             return
-        held, dropped = _held_digests(root), set[str]()
+        in_use, dropped = _digests_in_use(root), set[str]()
         for marker in sorted(markers, key=lambda one: one.stat().st_mtime_ns):
             digest = marker.stem
             if total <= most:
                 break
-            if digest not in held:
+            if digest not in in_use:
                 _drop(root, digest)
                 total -= _bytes(marker)
                 marker.unlink()
@@ -121,24 +121,24 @@ def _forget(root: Path, digests: set[str]) -> None:
             continue
 
 
-def _held_digests(root: Path) -> set[str]:
+def _digests_in_use(root: Path) -> set[str]:
     """Return the digests of the copies that processes use; what those that ended left is removed."""
     import fcntl
 
-    held: set[str] = set()
+    in_use: set[str] = set()
     for path in (root / "held").glob("*"):
         with path.open("rb") as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                held |= set(file.read().decode().split())
+                in_use |= set(file.read().decode().split())
             else:
                 path.unlink()
-    return held
+    return in_use
 
 
 @dataclass
-class _Held:
+class _InUse:
     """The copies below a root that this process has used. The open file is locked."""
 
     path: Path
@@ -146,17 +146,17 @@ class _Held:
     digests: set[str] = field(default_factory=set)
 
     @staticmethod
-    def of(root: Path) -> _Held:
+    def of(root: Path) -> _InUse:
         """Return this process's; under the lock. Raises `OSError`."""
         import fcntl
 
-        found = _every_held.get(root)
-        if found is None or not found.path.exists():  # who empties the cache empties this, too
+        own = _all_in_use.get(root)
+        if own is None or not own.path.exists():  # who empties the cache empties this, too
             (root / "held").mkdir(exist_ok=True)
             descriptor, name = tempfile.mkstemp(prefix=f"{os.getpid()}-", dir=root / "held")
             fcntl.flock(descriptor, fcntl.LOCK_EX)
-            found = _every_held[root] = _Held(Path(name), descriptor)
-        return found
+            own = _all_in_use[root] = _InUse(Path(name), descriptor)
+        return own
 
     def add(self, digest: str) -> None:
         """Note a copy."""
@@ -165,7 +165,7 @@ class _Held:
             self.digests.add(digest)
 
 
-_every_held: dict[Path, _Held] = {}
+_all_in_use: dict[Path, _InUse] = {}
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.actor_images.cache import kept_images
+from ...core.actor_images.cache import cached_images
 from ...core.actor_images.names import full_name, plain_names
 from ...core.geometry import BoolArray, FloatArray
 from ...core.world.drive import Actor
@@ -117,7 +117,7 @@ def role_words(is_mesh: bool, is_recorded: bool, is_copy: bool, other_appearance
 
 def names_at_import(source: DriveSource) -> dict[str, str]:
     """Return the names of a source's actors by id, with the words for their colours where these are kept already."""
-    images = kept_images(source.log_path) or {}
+    images = cached_images(source.log_path) or {}
     words = {uid: image.word for uid, image in images.items()}
     return {uid: full_name(plain, words.get(uid, "")) for uid, plain in plain_names(named_actors(source)).items()}
 

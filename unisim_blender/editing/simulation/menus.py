@@ -28,7 +28,7 @@ DEFAULT = "constant"
 
 def driver_items() -> list[tuple[str, str, str]]:
     """Return the name of each registered driver, and its title and description; last a function of the user's own."""
-    known = [(name, *DRIVER_TITLES.get(name, (name, one.about))) for name, one in DRIVERS.items()]
+    known = [(name, *DRIVER_TITLES.get(name, (name, driver.about))) for name, driver in DRIVERS.items()]
     return [*known, (OWN, *OWN_TITLE)]
 
 

@@ -24,7 +24,7 @@ import numpy as np
 from ...bridge.changes import following
 from ...bridge.objects.imported import apply_words, source_of
 from ...bridge.window import redraw
-from ...core.actor_images.cache import ActorImage, kept_images
+from ...core.actor_images.cache import ActorImage, cached_images
 from ...core.actor_images.names import plain_names
 from ...core.errors import UnisimError
 from ...core.model.scene_file import read_scene_header
@@ -121,7 +121,7 @@ def ask(log_path: Path) -> None:
     """Have a log's thumbnails and words made, unless they are kept, under way, or failed before."""
     if log_path in _complete or log_path in _makers or log_path in _problems:
         return
-    cached = kept_images(log_path)
+    cached = cached_images(log_path)
     if cached is not None:
         _known[log_path] = cached
         _complete[log_path] = {uid: image.word for uid, image in cached.items()}

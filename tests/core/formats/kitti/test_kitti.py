@@ -213,6 +213,6 @@ def test_a_log_without_boxes_is_fine_and_training_says_what_it_cannot_do(
 
 def test_a_spin_that_is_not_sure_is_not_told() -> None:
     slow = decide(np.array([-2.0, -0.6, 0.7, -3.0, 4.0, -1.8]))
-    assert slow.direction == STATED and not slow.told and "do not tell which way" in slow.sentence
+    assert slow.direction == STATED and not slow.is_measured and "do not tell which way" in slow.sentence
     assert decide(np.array([-1.02, -0.98, -1.0])).direction == -1
-    assert not decide(np.zeros(0)).told
+    assert not decide(np.zeros(0)).is_measured

@@ -23,7 +23,7 @@ from inputs.promise import Property, Reader
 from inputs.strategies import Input, gone, inputs_of
 from inputs.views import In, json_text
 from unisim_blender.core import native
-from unisim_blender.core.actor_images.cache import kept_folder, kept_images, make_images
+from unisim_blender.core.actor_images.cache import cached_images, image_folder, make_images
 from unisim_blender.core.evaluation.comparison.page import comparison_markdown, tables_of
 from unisim_blender.core.evaluation.comparison.run import _earlier
 from unisim_blender.core.evaluation.ground_truth import REGION_MASKS, _cached
@@ -68,13 +68,13 @@ def image_reader(folder: Path) -> Reader:
     write_small_log(log)
     with cache_in(folder / "cache"):
         list(make_images(open_log(log)))
-        kept = kept_folder(log)
+        kept = image_folder(log)
     whole = contents(folder, folder / "cache")
     index = (kept / "actors.json").relative_to(folder).as_posix()
 
     def read() -> object:
         with cache_in(folder / "cache"):
-            found = kept_images(log)
+            found = cached_images(log)
         for uid, one in (found or {}).items():
             assert type(uid) is type(one.word) is str and (one.image is None or one.image.parent == kept)
         return found

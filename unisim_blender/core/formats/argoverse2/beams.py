@@ -46,7 +46,7 @@ MIN_RANGE_M, MAX_RANGE_M = 0.5, 225.0
 TURN = 2 * np.pi
 
 
-class BeamsNotFound(ValueError):
+class UnknownBeamsError(ValueError):
     """Returns that tell no beam table."""
 
 
@@ -147,11 +147,11 @@ class BeamTable:
 
 
 def find_table(firings: Firings) -> BeamTable:
-    """Return the table of the LiDAR that fired these. Raises `BeamsNotFound`."""
+    """Return the table of the LiDAR that fired these. Raises `UnknownBeamsError`."""
     far = firings.far()
     far = far.chosen(np.isin(far.laser, _often(far.laser)))
     if not len(far.laser):
-        raise BeamsNotFound(f"its {len(firings.laser)} returns are too few to find its beams")
+        raise UnknownBeamsError(f"its {len(firings.laser)} returns are too few to find its beams")
     order = np.lexsort((far.time_s, far.laser))
     far = Firings(far.laser[order], far.time_s[order], far.local[order])
     lasers, first, beam, count = np.unique(far.laser, return_index=True, return_inverse=True, return_counts=True)
@@ -167,7 +167,7 @@ def find_table(firings: Firings) -> BeamTable:
     step, base = _turning(far.azimuth_rad, column, beam, first, int(count.argmax()))
     columns = round(TURN / abs(step))
     if not 2 <= columns <= MAX_COLUMNS:
-        raise BeamsNotFound(f"its returns do not turn with time ({columns} columns)")
+        raise UnknownBeamsError(f"its returns do not turn with time ({columns} columns)")
     elevation = np.array([np.median(part) for part in np.split(far.elevation_rad, first[1:])])
     offsets = base - base[0] - TURN * np.rint((base - base[0]) / TURN)
     azimuth = base[0] + float(offsets.mean())
@@ -211,7 +211,7 @@ def _cycle(far: Firings, beam: NDArray[np.int64]) -> float:
     gaps = np.diff(far.time_s)[same]
     gaps = gaps[gaps > 1e-7]
     if not len(gaps):
-        raise BeamsNotFound("its returns have one firing time each laser")
+        raise UnknownBeamsError("its returns have one firing time each laser")
     cycle = float(np.median(gaps))
     for _ in range(2):  # the steps are counted with a first estimate, whose error the count does away with
         steps = np.where(same, np.rint(np.diff(far.time_s) / cycle), 0.0)
@@ -219,10 +219,10 @@ def _cycle(far: Firings, beam: NDArray[np.int64]) -> float:
         middle_time, middle_count = (np.bincount(beam, values) / np.bincount(beam) for values in (far.time_s, count))
         time, count = far.time_s - middle_time[beam], count - middle_count[beam]
         if not (count**2).sum() > 0:
-            raise BeamsNotFound("its firing times have no cycle")
+            raise UnknownBeamsError("its firing times have no cycle")
         cycle = float((time * count).sum() / (count**2).sum())
     if not cycle > 0:
-        raise BeamsNotFound("its firing times have no cycle")
+        raise UnknownBeamsError("its firing times have no cycle")
     return cycle
 
 
@@ -238,7 +238,7 @@ def _turning(
     of_beam = np.flatnonzero(beam == busiest)
     next_to = np.diff(column[of_beam]) == 1
     if not next_to.any():
-        raise BeamsNotFound("no two columns side by side have returns")
+        raise UnknownBeamsError("no two columns side by side have returns")
     turns = _wrapped(np.diff(azimuth[of_beam]))[next_to]
     step = float(np.median(turns))
     for _ in range(3):

@@ -22,7 +22,7 @@ from ...world.drive import Camera, Drive, Lidar
 from ...world.own_rates import number_captures
 from ..common.arrow import ArrowColumns, Kind, read_feather, stacked
 from ..common.file_log import FileLog, absent_frames, spread_over
-from .beams import TURN, BeamsNotFound, BeamTable, Firings, blocked_cells, elevation_spread, find_table
+from .beams import TURN, BeamTable, Firings, UnknownBeamsError, blocked_cells, elevation_spread, find_table
 from .files import POSES, actors_of, read_boxes, read_intrinsics, read_mounts, read_poses, stamped_files
 
 LIDARS = ("up_lidar", "down_lidar")
@@ -158,7 +158,7 @@ class Argoverse2Log(FileLog):
         for name in names:
             try:
                 beams = find_table(self._fired(tracks[name], tables[fullest], fullest, lasers[name])[0])
-            except BeamsNotFound as error:
+            except UnknownBeamsError as error:
                 missing.append(f"{name}: {error} in {self._sweeps[fullest].name}")
                 continue
             sparse = {f: self._fired(tracks[name], table, f, lasers[name], SPARSE)[0] for f, table in tables.items()}

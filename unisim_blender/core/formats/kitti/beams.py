@@ -45,7 +45,7 @@ class Spin:
     """A direction (1: counter-clockwise), whether the recording tells it, and the sentence that says so."""
 
     direction: int
-    told: bool
+    is_measured: bool
     sentence: str
 
 

@@ -100,7 +100,7 @@ def find_planes(
     return chosen, np.where(facing[:, None], -normals, normals)
 
 
-def one_a_voxel(points: FloatArray, voxel_m: float) -> NDArray[np.int64]:
+def first_in_voxels(points: FloatArray, voxel_m: float) -> NDArray[np.int64]:
     """Return indices of points (N, 3), one in each voxel that holds any, in order."""
     cell = np.floor(points / voxel_m).astype(np.int64)
     cell -= cell.min(0, initial=0)
@@ -216,7 +216,7 @@ def _share_of(step: FloatArray, share: float) -> FloatArray:
 
 def _target(gicp: Any, placed: Sequence[FloatArray]) -> tuple[Any, Any]:
     points = np.concatenate(placed)
-    cloud = gicp.PointCloud(points[one_a_voxel(points, TARGET_VOXEL_M)])
+    cloud = gicp.PointCloud(points[first_in_voxels(points, TARGET_VOXEL_M)])
     tree = gicp.KdTree(cloud)
     gicp.estimate_normals(cloud, tree, NEIGHBOURS)
     return cloud, tree
@@ -224,7 +224,7 @@ def _target(gicp: Any, placed: Sequence[FloatArray]) -> tuple[Any, Any]:
 
 def _source(gicp: Any, points: FloatArray, normals: FloatArray) -> Any:
     """The points that are registered: of the ground, which tells nothing of the way ahead, no more than of all else."""
-    chosen = one_a_voxel(points, SOURCE_VOXEL_M)
+    chosen = first_in_voxels(points, SOURCE_VOXEL_M)
     ground = np.abs(normals[chosen, 2]) > UPRIGHT
     others = int((~ground).sum())
     every = max(1, int(ground.sum()) // max(others, LEAST_POINTS))
@@ -370,7 +370,7 @@ def _to_json(calibration: LidarCalibration) -> dict[str, object]:
         "azimuth_offset_rad": beams.azimuth_offset_rad.tolist(),
         "columns": beams.columns,
         "direction": spin.direction,
-        "told": spin.told,
+        "told": spin.is_measured,
         "spin": spin.sentence,
         "times_s": [] if track is None else track.times_s.tolist(),
         "positions": [] if track is None else track.positions.tolist(),

@@ -42,7 +42,7 @@ INDEX = struct.Struct("<4sIQI")
 
 
 @contextmanager
-def told(path: Path | str, what: str = "cannot be read") -> Iterator[None]:
+def as_log_error(path: Path | str, what: str = "cannot be read") -> Iterator[None]:
     """Turn whatever NCore's package and zarr raise at a broken file into one `LogError` that names it."""
     try:
         yield
@@ -99,7 +99,7 @@ def check_index(path: Path) -> int | None:
 
 def read_array(array: Any, path: Path, where: str, kinds: str) -> NDArray[Any]:
     """Return a zarr array's values, of a dtype of one of the ``kinds``. Raises `LogError` naming the store and the place."""
-    with told(path, f"{where} cannot be read"):
+    with as_log_error(path, f"{where} cannot be read"):
         if array.dtype.kind not in kinds or array.nbytes > MOST_BYTES:
             raise LogError(f"{path}: {where} is {array.dtype} {array.shape}, which is refused")
         codec = None if array.compressor is None else array.compressor.codec_id
@@ -198,7 +198,7 @@ class Components:
         self._names: dict[tuple[str, str], tuple[_Store, Path]] = {}
         for path in self.stores:
             index_at = check_index(path)
-            with told(path):
+            with as_log_error(path):
                 store = _Store(path, index_at)
                 for component in store.names():
                     if component in self._names:
@@ -216,14 +216,16 @@ class Components:
         self.left_out: list[str] = []
         self.cameras = self._opened(_Camera)
         self.lidars = self._opened(_Lidar)
-        self.poses = self._one(PosesComponent.Reader, "poses")
-        self.intrinsics = self._one(IntrinsicsComponent.Reader, "intrinsics") if self.cameras or self.lidars else None
+        self.poses = self._single(PosesComponent.Reader, "poses")
+        self.intrinsics = (
+            self._single(IntrinsicsComponent.Reader, "intrinsics") if self.cameras or self.lidars else None
+        )
         self.cuboids = self._any(_Cuboids)
         self.masks = self._any(_Masks)
 
     def stamps(self, sensor: StoredComponent, name: str) -> NDArray[np.int64]:
         """Return start and end (K, 2) of a sensor's frames, microseconds, in the order of their ends. Raises `LogError`."""
-        with told(sensor.path, f"{name}: its frames' times cannot be read"):
+        with as_log_error(sensor.path, f"{name}: its frames' times cannot be read"):
             times = np.asarray(sensor.reader.frames_timestamps_us)
             if times.size and (times.ndim != 2 or times.shape[1] != 2 or times.max() >= 2**53):
                 raise LogError(f"{sensor.path}: {name}: its frames' times are none")
@@ -235,13 +237,13 @@ class Components:
     def camera_parameters(self, name: str) -> Any:
         """Return NCore's parameters of a camera."""
         assert self.intrinsics is not None
-        with told(self.intrinsics.path, f"{name}: its intrinsics cannot be read"):
+        with as_log_error(self.intrinsics.path, f"{name}: its intrinsics cannot be read"):
             return self.intrinsics.reader.get_camera_model_parameters(name)
 
     def lidar_parameters(self, name: str) -> Any:
         """Return NCore's parameters of a LiDAR, None where it has no beam table."""
         assert self.intrinsics is not None
-        with told(self.intrinsics.path, f"{name}: its beam table cannot be read"):
+        with as_log_error(self.intrinsics.path, f"{name}: its beam table cannot be read"):
             return self.intrinsics.reader.get_lidar_model_parameters(name)
 
     def encoded_image(self, name: str, end_us: int) -> bytes:
@@ -249,7 +251,7 @@ class Components:
         self._reload()
         camera_part = self.cameras[name]
         where = f"{name}: its image of {end_us} us"
-        with told(camera_part.path, f"{where} cannot be read"):
+        with as_log_error(camera_part.path, f"{where} cannot be read"):
             array = camera_part.reader.frame(end_us)["image"]
         return _bytes(read_array(array, camera_part.path, where, "SVu"))
 
@@ -259,7 +261,7 @@ class Components:
             return None
         self._reload()
         where = f"{name}: its mask {mask!r}"
-        with told(self.masks.path, f"{where} cannot be read"):
+        with as_log_error(self.masks.path, f"{where} cannot be read"):
             array = self.masks.reader.named(name, mask)
         return None if array is None else _bytes(read_array(array, self.masks.path, where, "SVu"))
 
@@ -268,7 +270,7 @@ class Components:
         self._reload()
         lidar_part = self.lidars[name]
         where = f"{name}: its sweep of {end_us} us"
-        with told(lidar_part.path, f"{where} cannot be read"):
+        with as_log_error(lidar_part.path, f"{where} cannot be read"):
             frame = lidar_part.reader.frame(end_us)
             rays, returns, beside = frame["ray_bundle"], frame["ray_bundle_returns"], frame.get("generic_data")
             more = {} if beside is None else {key: beside[key] for key in beside if key.startswith("unisim_")}
@@ -294,7 +296,7 @@ class Components:
         parts: dict[str, StoredComponent] = {}
         for (component, name), (store, path) in self._names.items():
             if component == kind.get_component_name():
-                with told(path, f"{component}/{name} cannot be read"):
+                with as_log_error(path, f"{component}/{name} cannot be read"):
                     group = store.root[component][name]
                     version = group.attrs["component_version"]
                     if kind.supports_component_version(version):
@@ -316,7 +318,7 @@ class Components:
         ]
         return parts.get(chosen)
 
-    def _one(self, kind: type[ComponentReader], what: str) -> StoredComponent:
+    def _single(self, kind: type[ComponentReader], what: str) -> StoredComponent:
         parts = self._opened(kind)
         if DEFAULT in parts:
             return parts[DEFAULT]

@@ -23,7 +23,7 @@ from ..common.file_log import FileLog, cached_image
 from . import cameras
 from . import cameras as shutters
 from . import sweeps as beams
-from .components import IMAGE_FORMATS, Components, StoredComponent, told
+from .components import IMAGE_FORMATS, Components, StoredComponent, as_log_error
 from .cuboids import read_actors
 from .extras import SensorExtras, read_poses, read_sensor, read_sequence
 from .extras import read_actors as read_actor_extras
@@ -59,7 +59,7 @@ class NcoreLog(FileLog):
         self._ends: dict[str, dict[int, int]] = {}
         self._intensities: dict[str, Intensities] = {}
         time_s = extras.time_s if extras is not None else dict(enumerate(self._seconds(leading).tolist()))
-        with told(parts.poses.path, "its poses cannot be read"):
+        with as_log_error(parts.poses.path, "its poses cannot be read"):
             reader = parts.poses.reader
             static, dynamic = list(reader.get_static_poses()), list(reader.get_dynamic_poses())
         added = read_poses(parts.poses.meta, str(parts.poses.path))
@@ -257,7 +257,7 @@ class NcoreLog(FileLog):
             return {}, {}
 
         def observations() -> Iterator[Any]:
-            with told(cuboids.path, "its cuboids cannot be read"):
+            with as_log_error(cuboids.path, "its cuboids cannot be read"):
                 yield from cuboids.reader.observations()
 
         given, classes = read_actor_extras(cuboids.meta, str(cuboids.path))

@@ -137,7 +137,7 @@ def _span(lidar: Lidar, frame: int) -> tuple[float, float]:
 
 
 BOX_ROUNDS = 6
-SWEEPS_HELD = 4
+CACHED_SWEEPS = 4
 
 
 @dataclass
@@ -232,7 +232,7 @@ def recording_parts(
     """Return the parts of turns, all or ``turns``, and images; files below ``root`` are named by turn, images' by camera's number
     and turn."""
     log, lidar = recording.log, recording.lidar.sensor_id
-    read = lru_cache(maxsize=SWEEPS_HELD)(lambda frame: log.sweep(lidar, frame))
+    read = lru_cache(maxsize=CACHED_SWEEPS)(lambda frame: log.sweep(lidar, frame))
     parts = []
     for turn in range(len(recording.cuts)) if turns is None else turns:
         parts.append(_turn_part(recording, turn, root, sweep_file(turn), read))
