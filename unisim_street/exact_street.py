@@ -215,7 +215,7 @@ HERE = Path(__file__).parent
 SAMPLES_PER_EDGE = {"fast": 1}
 """Rays along an edge of a pixel, by the quality; `RECORDED_SAMPLES_PER_EDGE` for the others."""
 RECORDED_SAMPLES_PER_EDGE = 2
-"""As many as images of logs are recorded with."""
+"""Rays along an edge of a pixel of recorded images."""
 
 
 class StreetMethod(RenderMethod):

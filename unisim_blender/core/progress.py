@@ -9,7 +9,7 @@ from typing import Any
 from tqdm import tqdm
 
 LINE_INTERVAL_S = 30.0
-"""So far apart are the lines."""
+"""Seconds between two lines."""
 
 
 class Bar(tqdm):  # type: ignore[misc]

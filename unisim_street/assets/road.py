@@ -31,7 +31,7 @@ from ..tracing.shapes import Sector, TracedShape, box
 from ..tracing.trace import Asset, AssetPart
 
 BEND_RADIUS_M = 40.0
-"""Of every bend, at the middle line."""
+"""Radius of every bend at the middle line, in metres."""
 MIN_STRAIGHT_M = 60.0
 """Before the first bend, between bends and after the last the drive is straight for as long at least."""
 MAX_TURN_DEG = 120.0
@@ -178,7 +178,7 @@ LANE_WIDTH_M = 3.5
 HALF_ROAD_WIDTH_M = 5.75
 """Half the carriageway: a lane and a parking lane on each side."""
 HALF_STREET_WIDTH_M = 9.2
-"""Where the fronts begin."""
+"""Distance of the house fronts from the middle line, in metres."""
 KERB_HEIGHT_M = 0.13
 GROUND_REACH_M = 1500.0
 _GROUND_PAST_ENDS_M = 300.0

@@ -1,4 +1,4 @@
-"""Turns hits into what is asked of them: points, normals, surfaces, and names that outlast an edit."""
+"""Points, normals and surfaces of hits, and names of what was hit that stay the same through edits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far a batch is, by what its store holds: it may run, or have been ended."""
+"""Progress of a batch, read from its store; the batch may be running or ended."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .plan import PLAN_NAME
 from .records import RECORDS, Store, read_failures
 
 PACE_UNITS = 50
-"""Of so many units the pace is taken: how fast it was long ago tells little."""
+"""Number of latest units from which the pace is estimated."""
 
 
 def seconds_left(times_s: Sequence[float], left: int, now_s: float) -> float | None:

@@ -1,4 +1,4 @@
-"""Hand units to workers that come and go: each holds a scene, and one that is lost is replaced. The executors of this
+"""Dispatch of units to workers that each hold a scene; lost workers are replaced. The executors of this
 machine: units one after another in this process, or in several processes of one thread each.
 """
 

@@ -27,7 +27,7 @@ ADDRESS_PATTERN = re.compile(r"(ray://)?[^\s/:]+:\d+|ray://[^\s/:]+")
 CLIENT_PORT = 10001
 CONNECT_TIMEOUT_S = 10.0
 WATCH_INTERVAL_S = 1.0
-"""How often Ray's own processes are looked after while workers work."""
+"""Interval, in seconds, at which Ray's own processes are checked while workers run."""
 OBJECT_STORE_BYTES = 200 << 20
 """Memory of a Ray that is started here for units on their way; scenes are not in it."""
 

@@ -26,7 +26,7 @@ _MIN_RAYS = 8
 """Smallest number of rays that must have looked into a voxel before the largest fraction of a ray that stops there
 decides whether the voxel holds a surface."""
 _SURFACE_STOP_FRACTION = 0.3
-"""Some ray stops so much in a voxel that holds a surface."""
+"""Smallest stop fraction of some ray in a voxel that holds a surface."""
 _SURFACE_STOP_FRACTION_BESIDE = 0.1
 """The same next to a LiDAR return, where surfaces are likely."""
 

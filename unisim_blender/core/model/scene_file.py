@@ -176,7 +176,7 @@ _FORMER_PREFIX = re.compile(r"^far\.")
 """Former prefix of the names of the background model's arrays."""
 LENGTH_BYTES = 8
 MAX_HEADER_BYTES = 100_000_000
-"""Of the names; safetensors' own limit."""
+"""Largest size of the header of names, in bytes; safetensors' own limit."""
 HALF_EXPONENT_BITS = 0x7C00
 """The bits that are all set in a half-precision number that is not finite."""
 

@@ -24,7 +24,7 @@ TensorShape = tuple[int, ...]
 SH_WIDTH = 16
 """Spherical harmonics of a direction, degrees 0 to 3."""
 CAMERA_CODE_SIZE = 4
-"""Numbers of a camera's code."""
+"""Length of a camera's code."""
 LIGHT_HIDDEN = 16
 LIDAR_INPUTS = 2
 """Inputs of the LiDAR head besides feature and direction: depth and opacity."""
@@ -188,7 +188,7 @@ MAX_BY_NAME = {
     **dict.fromkeys(("static_proposals", "static", "actor_proposals", "actor", "background_proposals", "background"),
     1 << 16),
 }  # fmt: skip
-"""The same of whole numbers by their name."""
+"""Largest values of whole numbers by their name."""
 MIN_BY_NAME = {"coarsest": 1e-3, "finest": 1e-3, "voxel_m": 1e-3}
 MAX_ENTRIES = 1 << 27
 """Of tables and of networks, all together: some ten times what the largest preset has."""

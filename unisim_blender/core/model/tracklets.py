@@ -1,4 +1,4 @@
-"""Actors' poses as tensors: which rays hit which box, and where a ray lies in that box, at the ray's own time."""
+"""Actors' poses as tensors, and rays' intersections with their boxes at each ray's own time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames whose error is bounded: the cheapest settings that keep it, as a sample of rays held against the truth says.
+"""Rendering of frames within an error bound, at the cheapest settings that keep it, as measured on a sample of rays.
 
 A sweep's beams hang on nothing but themselves, so a sample of them, rendered at every settings and at the truth, says
 at most how large a quantile of all errors is, whatever their distribution. An image's squared errors are another
@@ -43,19 +43,19 @@ from .renderer import Renderer
 from .tracer import tiled
 
 SWEEP_SAMPLE_BEAMS = 512
-"""Of a sweep that are held against the truth."""
+"""Number of beams of a sweep that are compared with the truth."""
 DRIVE_SAMPLE_PIXELS = 1024
 """Number of pixels of each of `sample_frames` from which a camera's settings are chosen."""
 IMAGE_SAMPLE_PIXELS = 900
 """Pixels of each image that are checked."""
 PATCH_PX, DRIVE_SAMPLE_PATCHES, IMAGE_SAMPLE_PATCHES = 16, 2, 16
-"""The same where a pixel hangs on others: squares of so many pixels, of each frame and of each image."""
+"""Edge in pixels of the squares sampled where pixels depend on their neighbours, and their number in each frame and image."""
 WORST_PIXEL_SHARE = 0.02
 """This share of a drive's pixels is too rare to be judged by one image's sample."""
 WORST_ERROR_FACTOR = 1.5
-"""How much more the worst pixels may add to an image than to the drive's mean one."""
+"""Factor on what the worst pixels add to the drive's mean image, for a single image."""
 DRIVE_STANDARD_ERRORS, IMAGE_STANDARD_ERRORS = 1.0, 2.5
-"""How many standard errors are added to a mean over the drive's pixels, and over an image's."""
+"""Number of standard errors added to a mean over the drive's pixels, and over an image's."""
 START_MARGIN_FACTOR = 1.5
 """Settings are tried first that the drive's pixels say keep the bound by so much: a second image costs more."""
 

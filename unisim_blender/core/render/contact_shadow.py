@@ -15,11 +15,11 @@ from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
 from ..world.drive import Actor
 
 MAX_DARKENING = 0.6
-"""How much light is kept off right under an actor."""
+"""Fraction of light that is blocked right under an actor."""
 SHADOW_DECAY_M = 0.35
-"""How far beside an actor's footprint a shadow falls to a third; the same above its underside."""
+"""Distance, in metres, beside an actor's footprint or below its underside over which its shadow falls by a factor e."""
 FOOTPRINT_SCALE = 0.92
-"""Of the box: bodies are rounder than their boxes."""
+"""Length and width of a footprint relative to the box: bodies are rounder than their boxes."""
 SHADOW_CUTOFF_M = 5 * SHADOW_DECAY_M
 
 

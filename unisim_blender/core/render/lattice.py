@@ -1,5 +1,4 @@
-"""An image traced where it must be: first pixels on a lattice, and in between only where those at a
-block's corners differ.
+"""Adaptive tracing of an image: pixels on a lattice first, then those in blocks whose corners differ.
 
 What lies between corners that are alike is interpolated: colours as they are, depths as disparities, which are linear
 on planes. Where they differ a little, the pixel in a block's middle is traced too, and if it is what the corners
@@ -126,13 +125,13 @@ class Tile(NamedTuple):
 MAX_DISPARITY_RANGE = 0.1
 """Depths at corners that differ by more than this share lie on several surfaces, or on one that bends."""
 MAX_DISPARITY_TWIST = 0.01
-"""So far may the corners' disparities be from one plane, as a share of the largest."""
+"""Largest distance of the corners' disparities from one plane, relative to the largest of them."""
 NEAR_BOXES = "near_boxes"
 """A map that says of pixels that something thinner than a block may be beside them: every pixel there is traced."""
 EDGE_CONTRAST = 4.0
 """Where corners differ by more than this times what they may, something ends between them: nothing is predicted."""
 PREDICTION_TOLERANCE = 0.5
-"""So far may a middle be from its corners' mean, as a share of what these may differ by."""
+"""Largest difference of a middle from its corners' mean, relative to the corners' allowed difference."""
 Blocks = NDArray[np.int64]
 """Rows and columns of blocks' first pixels (N, 2)."""
 LABEL_MAPS = ("instance", "unsupported")

@@ -34,15 +34,15 @@ from ..world.replay import DriveStates
 from .tracer import NEAR_M, Backend
 
 SPACE_VERSION = 1
-"""Another one whenever the same scene gives another space."""
+"""Version of the cached spaces: to be raised when the same scene gives another space."""
 MAX_FRAMES_PER_SENSOR = 10
-"""Of each sensor, frames whose rays are followed."""
+"""Largest number of frames of each sensor whose rays are followed."""
 IMAGE_COLUMNS, SWEEP_BEAMS = 128, 24
 """About how many rays an image is wide, and how many beams of a sweep are followed."""
 AZIMUTH_CELLS, ELEVATION_CELLS = 180, 90
 """Parts of all directions by which the background is known, two degrees each way."""
 DILATION_CELLS = 2
-"""How many parts beside one in which the background was seen count like it."""
+"""Number of cells by which the directions in which the background was seen are dilated."""
 MAX_CACHED_SCENES = 64
 """Largest number of scenes whose observed spaces stay in the cache folder."""
 

@@ -1,4 +1,4 @@
-"""How much is spent on a render: a dial from fast to exact, by name."""
+"""Render qualities by name, from fast to exact."""
 
 from __future__ import annotations
 

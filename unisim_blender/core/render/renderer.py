@@ -41,7 +41,7 @@ from .visibility import Reach
 MAX_LATTICE_SPACING_PX = 1.5
 """Widest spacing of a lattice, in pixels of the images that the scene was trained on."""
 MIN_PREVIEW_WIDTH_PX = 16
-"""Least width of a preview, in pixels."""
+"""Smallest width of a preview, in pixels."""
 
 
 @dataclass

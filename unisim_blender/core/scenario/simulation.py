@@ -1,4 +1,4 @@
-"""How a scenario is simulated, as its document states it: times, the vehicle, actors' models, sensors' rates, random starts."""
+"""Simulation settings of a scenario's document: times, the vehicle, actors' models, sensors' rates, random starts."""
 
 from __future__ import annotations
 

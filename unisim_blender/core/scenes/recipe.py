@@ -1,4 +1,4 @@
-"""How a renderer is made, in any process, and on any machine that renders the bytes of the one that planned.
+"""Recipes from which any process, on any machine, makes a renderer that gives the same bytes.
 
 A recipe is made from what a scenario and a command line name. It pickles; what computes is imported and loaded by `load`.
 A trained scene's backend is the compiled kernels where they take all of it, or else torch.

@@ -16,7 +16,7 @@ from ..geometry import FloatArray
 BOUND_PATTERN = re.compile(r"(?:p(\d+(?:\.\d+)?):)?(\d+(?:\.\d+)?)\s*(mm|dB|dE)", re.IGNORECASE)
 UNITS = {"mm": "mm", "db": "dB", "de": "dE"}
 QUANTILE_ERROR_RATE = 0.002
-"""How often a bound on a quantile may be wrong."""
+"""Probability that a bound on a quantile is wrong."""
 MAX_SAMPLE_FRAMES = 16
 """Largest number of frames of a drive from which a camera's settings are chosen."""
 

@@ -1,4 +1,4 @@
-"""Polylines in the plane: where a point is along one and beside it."""
+"""Polylines in the plane, and projection of points onto them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..geometry import FloatArray
 
 ALONG_WEIGHT = 0.1
-"""A metre along a polyline counts so much of a metre aside, where it passes a point more than once."""
+"""Weight of a metre along a polyline relative to a metre aside, where it passes a point more than once."""
 
 
 class Projection(NamedTuple):

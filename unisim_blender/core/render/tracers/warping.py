@@ -36,12 +36,12 @@ before to 4 after."""
 MIN_ASIDE_M = 0.5
 """A camera at least this far from its recorded trajectory counts as beside it."""
 TIME_WEIGHT_M_PER_S = 0.5
-"""A second's difference in time counts as so many metres: where the vehicle stands, what was seen last is nearest."""
+"""Distance, in metres, that a time difference of a second counts as: where the vehicle stands, what was seen last is nearest."""
 MIN_FACING_COSINE = 0.2
 """Cosine between a camera's axis and where rays go, from which on its images are looked at."""
 DEPTH_WIDTH_PX = 640
 MAX_CACHED_IMAGES = 24
-"""Images that are held at once."""
+"""Largest number of decoded images that are cached."""
 
 
 class SourceImage(NamedTuple):

@@ -1,4 +1,4 @@
-"""Trajectories made from trajectories: displaced, composed, held, and run at other times.
+"""Operations on trajectories: displace, compose, hold at the ends, retime.
 
 Keys are joined by lines and slerp. Where an edit makes something else between keys (a lever arm on a turning vehicle),
 keys are added until the difference is below `POSITION_TOLERANCE_M` and `ROTATION_TOLERANCE_RAD`.

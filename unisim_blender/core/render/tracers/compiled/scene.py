@@ -54,7 +54,7 @@ from .structs import FieldStruct, SceneStruct, address, doubles, floats
 
 BOX_CELLS = 16
 CELLS_VERSION = 10
-"""Of how the kernels compute cells: to be raised with the kernels' ABI_VERSION where that changes them."""
+"""Version of the kernels' computation of cells: to be raised with the kernels' ABI_VERSION where that changes them."""
 MAX_CACHED_SCENES = 64
 """Largest number of scenes whose cells stay in the cache folder."""
 

@@ -1,4 +1,4 @@
-"""Surfels made of a log: returns gathered, faces laid on them, painted from the images, drops counted.
+"""Construction of a log's surfels: gather returns, lay faces on them, paint them from the images, count drops.
 
 Faces lie on local planes of the points: each place's normal, and how densely points lie about it.
 """
@@ -83,17 +83,17 @@ NORMAL_NEIGHBOURS, NORMAL_RADIUS_M = 200, 0.2
 """A normal is that of at most so many points this near; where they are fewer than `MIN_NEIGHBOURS`, of `SPARSE_RADIUS_M`."""
 MIN_NEIGHBOURS, SPARSE_RADIUS_M, SPARSE_NEIGHBOURS = 8, 0.6, 24
 ROAD_IN_BOX_M = 3 * GROUND_CLEARANCE_M
-"""So far up an actor's box what returned may be the road under it."""
+"""Height, in metres, above an actor's underside up to which returns may be the road's."""
 MIRROR_RADIUS_M = 0.2
 """A vehicle's other side counts where nothing of this one is as near."""
 GROUND_GAP_M, GROUND_REACH_M = 0.2, 30.0
 """Ground gets a face in squares of this edge where none lies yet, so near the vehicle's trajectory."""
 SPACING_NEIGHBOURS = 6
-"""How densely points lie is told by the distance to this many neighbours."""
+"""Number of neighbours whose distance measures the density of points."""
 MAX_FLAT_DEVIATION = 0.15
 """Faces grow where points deviate from their plane by less than this share of the distance between them."""
 CORNER_SPACING_FACTOR = 1.1
-"""A face's corners are as far from its middle as so many times that distance."""
+"""Distance of a face's corners from its middle, relative to that of the points."""
 BATCH_POINTS = 1 << 17
 IMAGES_PER_CAMERA = 16
 """Images of each camera, spread over the drive, that faces are painted from."""

@@ -18,7 +18,7 @@ POINT_CELL_M = 0.04
 BOX_MARGINS_M = np.array([0.15, 0.15, 0.1])
 """Margins beside an actor's box, metres, within which returns are the actor's too: annotated boxes are tight."""
 ACTOR_MOTION_SLACK_M = 4.0
-"""How far an actor may be, at a return's time, from where it is at the sweep's."""
+"""Largest distance, in metres, that an actor moves between a return's time and the sweep's."""
 MERGE_BATCH_POINTS = 1 << 21
 
 

@@ -26,7 +26,7 @@ FILL_CUBE_EDGES_M = (0.3, 1.0, 4.0, 20.0)
 nothing in that was painted."""
 FARTHEST_M = 150.0
 FACE_STRIDE = 8
-"""Every so manyth face that stands still tells how images are exposed."""
+"""Stride through the static faces that images are compared at to estimate their exposures."""
 
 
 @dataclass

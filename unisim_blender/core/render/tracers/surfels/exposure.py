@@ -1,4 +1,4 @@
-"""How images differ in exposure, told by the places that several of them show.
+"""Exposure differences of images, estimated from places that several of them show.
 
 A camera that looks at the bright sky and one that looks at a shaded wall are exposed otherwise, and faces that are
 painted from both would be a patchwork.

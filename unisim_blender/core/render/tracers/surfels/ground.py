@@ -16,7 +16,7 @@ from ....ops.constants import GROUND_CELL_M
 OPENING_CELLS = 9
 """Cells: what is high over less than this is no ground."""
 MAX_ROUGHNESS_M = 0.4
-"""How much higher than the opened grid ground may be."""
+"""Largest height of ground above the opened grid, in metres."""
 SMOOTHING_CELLS = 5
 KNOWN_CELLS = 7
 """The ground is known in squares of so many cells round each in which it was seen."""

@@ -43,7 +43,7 @@ from .segments import Sampling
 from .trace import trace
 
 MIN_CHUNK_RAYS = 1 << 12
-"""A device without memory for so few has none for the scene."""
+"""Smallest chunk: a device without memory for so few rays has none for the scene."""
 
 
 def in_chunks(count: int, rays: int, take: Callable[[int, int], None]) -> None:
@@ -69,7 +69,7 @@ def in_chunks(count: int, rays: int, take: Callable[[int, int], None]) -> None:
 
 CHUNK_RAYS = 1 << 14
 MAX_GPU_CHUNK_RAYS = 1 << 17
-"""At most: a GPU waits for Python, which takes as long over few rays as over many."""
+"""Largest chunk on a GPU: Python's overhead is per chunk."""
 EXACT_SAMPLES = QUALITIES["reference"].samples
 """Qualities with so many samples are held against others."""
 
