@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import bpy
 import numpy as np
 
-from ...core.geometry import FloatArray, matrix_from_quaternion
+from ...core.geometry import FloatArray, matrix_from_quaternion, quaternion_from_matrix
 from ...editing.motion.keys import TrajectoryKeys, along_line, is_path, shifted_keys, standing_still
 from ...editing.motion.retiming import later_or_earlier
 from ...editing.sampled.clock import Clock
@@ -64,6 +64,11 @@ def follow(obj: bpy.types.Object, line: FloatArray, frame: float, speed_m_s: flo
     above = own_trajectory(obj) or ride(obj)
     settle_on(obj)
     write_keys(above, clock.frame(start_s + lengths / speed_m_s), positions, quaternions)
+
+
+def move_along(obj: bpy.types.Object, poses: FloatArray, clock: Clock) -> None:
+    """Put an object on a trajectory of poses (N, 4, 4) at the clock's frames."""
+    write_keys(ride(obj), clock.frames, poses[:, :3, 3], quaternion_from_matrix(poses[:, :3, :3]))
 
 
 def retimed(obj: bpy.types.Object, at: Callable[[FloatArray], FloatArray], path: str = "") -> None:
