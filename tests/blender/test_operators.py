@@ -56,6 +56,23 @@ def test_inserting_from_another_scene(street: Any) -> None:
     assert actor.world_from_actor.positions[0] == pytest.approx([25.0, 3.0, actor.size_m[2] / 2], abs=1e-4)
 
 
+def test_no_operator_remembers_what_it_was_last_done_to(street: Any) -> None:
+    """A button without a file, a folder or a name is for the drive, and not for what another button named."""
+    for name in dir(bpy.ops.unisim):
+        properties = getattr(bpy.ops.unisim, name).get_rna_type().properties
+        for prop in () if "filter_glob" in properties else properties:  # a file browser opens where it was
+            if prop.type == "STRING" and prop.is_hidden:
+                assert prop.is_skip_save, f"{name}.{prop.identifier}"
+    rna = bpy.ops.unisim.replace_appearance.get_rna_type()
+    assert rna.properties["scene"].is_skip_save
+
+
+def test_other_scenes_are_offered_where_their_actors_can_be_shown(street: Any) -> None:
+    assert bpy.ops.unisim.insert_from.poll()
+    street.unisim.scene = ""
+    assert not bpy.ops.unisim.insert_from.poll()
+
+
 @pytest.mark.parametrize("fps", [10, 30])
 def test_following_a_curve_at_a_speed(street: Any, fps: int) -> None:
     street.render.fps, street.render.fps_base = fps, 1.0

@@ -79,14 +79,15 @@ class UNISIM_OT_check(Needing, AtOnce, bpy.types.Operator):
     def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Sample the scene and list what is odd; nothing is kept from being rendered."""
         scene, check = context.scene, context.scene.unisim_check
-        drive = source_of(scene).drive
+        source = source_of(scene)
+        drive, is_trained = source.drive, source.scene_path is not None
         clock, limits = Clock.of(drive), limits_of(scene)
         if self.timer is None:
             sampled = sample_all(scene, clock)
-            warnings = list(warnings_of(sampled, drive, limits))
+            warnings = list(warnings_of(sampled, drive, limits, is_trained))
         else:
             sampled = yield from sampled_in_steps(scene, clock)
-            warnings = yield from in_thread(lambda: list(warnings_of(sampled, drive, limits)))
+            warnings = yield from in_thread(lambda: list(warnings_of(sampled, drive, limits, is_trained)))
         check.warnings.clear()
         for warning in warnings:
             item = check.warnings.add()
@@ -109,9 +110,9 @@ class UNISIM_OT_go_to(bpy.types.Operator):
     bl_label = "Go to Warning"
     bl_options = {"REGISTER", "UNDO"}
 
-    object_name: StringProperty(name="Object", options={"HIDDEN"})
-    frame: IntProperty(name="Frame", options={"HIDDEN"})
-    place: FloatVectorProperty(name="Location", size=3, options={"HIDDEN"})
+    object_name: StringProperty(name="Object", options={"HIDDEN", "SKIP_SAVE"})
+    frame: IntProperty(name="Frame", options={"HIDDEN", "SKIP_SAVE"})
+    place: FloatVectorProperty(name="Location", size=3, options={"HIDDEN", "SKIP_SAVE"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Frame, selection, and the view; where the object was deleted, the view goes where it was."""

@@ -168,3 +168,18 @@ def test_a_finding_has_a_place(source: DriveSource) -> None:
     actor = one_of(sampled, standing(source.drive).uid)
     frame = int(sampled.clock.frames[1])
     assert place_of(Finding(actor.name, frame, ""), sampled) == tuple(actor.poses[1, :3, 3])
+
+
+def test_an_actor_of_another_scene_is_checked_by_its_class(source: DriveSource) -> None:
+    """Its class is that of the other scene: the drive has no actor of its id."""
+    car = driving(source.drive)
+    poses = beside(one_of(imported(source.drive), car.uid).poses, yaw_deg=90.0)
+    here = replace(source.drive, actors={})
+    assert source.scene_path is not None
+    look = {"uid": "", "appearance": car.uid, "appearance_scene": str(source.scene_path)}
+    sampled = added(imported(here), sampled_object("Other", "ACTOR", poses, **look, size_m=tuple(car.size_m)))
+    assert [finding.text for finding in warnings_of(sampled, here)] == ["drives sideways"]
+    (unshown, _) = warnings_of(sampled, here, is_trained=False)
+    assert "is not shown without a trained scene" in unshown.text
+    (first, *_) = warnings_of(changed(sampled, "Other", appearance="nobody"), here)
+    assert first.text == "has no known class, so its motion is not checked"

@@ -167,3 +167,14 @@ def test_a_written_scenario_has_its_meshes_beside_it(tmp_path: Path) -> None:
     assert kept.read_bytes() == b"shape"
     meshes = [edit.mesh for edit in load_scenario(path).edits if isinstance(edit, InsertMesh)]
     assert meshes == ["cut in_meshes/abc.npz", "../own.npz"]
+
+
+def test_without_a_trained_scene_actors_of_other_scenes_are_left_out_with_a_warning(source: DriveSource) -> None:
+    sampled, untrained = imported(source.drive), replace(source, scene_path=None)
+    view, car = one_of(sampled, "front_camera"), standing(source.drive)
+    look = {"uid": "", "appearance": car.uid, "appearance_scene": str(source.scene_path), "size_m": tuple(car.size_m)}
+    sampled = added(sampled, sampled_object("Other", "ACTOR", one_of(sampled, car.uid).poses, **look))
+    values = camera_request(sampled, view, untrained, 7.0, (96, 54)).values
+    assert values["warnings"] == ["Other: not shown, since actors of another scene need a trained scene of this drive"]
+    assert values["others"] == [] and "Other" not in {actor.uid for actor in decode_state(values["state"]).actors}
+    assert camera_request(sampled, view, source, 7.0, (96, 54)).values["warnings"] == []

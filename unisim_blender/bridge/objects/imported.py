@@ -134,6 +134,11 @@ def title_of(obj: bpy.types.Object) -> str:
     return about.called if about.called and about.called_as == obj.name else obj.name
 
 
+def look_scene_of(obj: bpy.types.Object) -> str:
+    """Return the folder of the other trained scene that an object's appearance is of; "" where it is of the drive."""
+    return str(bpy.path.abspath(obj.unisim.look_scene)) if obj.unisim.look_scene else ""
+
+
 def is_copy(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
     """Return whether an object is a copy of another one that is there."""
     return bool(obj.unisim.uid) and original_of(scene, obj.unisim.kind, obj.unisim.uid) != obj

@@ -20,7 +20,7 @@ from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import CHANGING, Sampled, SampledObject, Scaling, rigid, scaling_of
 from ...editing.sampled.source import DriveSource
 from ..objects.animation import keys_hide, scale_changes
-from ..objects.imported import KINDS_OF_DRIVE, imported_objects, sees_body, title_of
+from ..objects.imported import KINDS_OF_DRIVE, imported_objects, look_scene_of, sees_body, title_of
 from ..objects.meshes import extent_of, mesh_model_of
 from ..objects.sensors import camera_model_of
 
@@ -90,7 +90,7 @@ def described(
         uid=about.uid,
         original_name=about.home,
         appearance=about.look,
-        appearance_scene=bpy.path.abspath(about.look_scene) if about.look_scene else "",
+        appearance_scene=look_scene_of(obj),
         model=about.model,
         index=obj.pass_index,
         poses=poses,

@@ -20,10 +20,11 @@ from ...editing.actors.table import (
     size_words,
     steps_of,
 )
+from ...editing.motion.kinematics import label_of
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import UNIT, differs
 from ..objects.animation import keyed_values, shown_by_keys
-from ..objects.imported import imported_objects, is_copy
+from ..objects.imported import imported_objects, is_copy, look_scene_of
 from ..objects.meshes import scale_of, size_of
 from ..objects.trajectories import keyed_pose, trajectory_of
 
@@ -31,8 +32,7 @@ from ..objects.trajectories import keyed_pose, trajectory_of
 def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock, original: bool) -> ActorTrack:
     """Return an actor's track; ``original`` tells whether the object stands for the recorded actor and is no copy."""
     poses, there = poses_of(obj, clock.frames), there_of(obj, clock.frames)
-    recorded = drive.actors.get(obj.unisim.look or obj.unisim.uid)
-    label = obj.unisim.label or (recorded.label if recorded is not None else "")
+    label = label_of("ACTOR", obj.unisim.look or obj.unisim.uid, look_scene_of(obj), obj.unisim.label, drive)
     return ActorTrack(
         obj.name, obj.unisim.uid, label, group_of(label), poses[:, :3, 3], there, steps_of(there, clock),
         is_edited(obj, drive, clock, poses, there, original),
@@ -79,8 +79,7 @@ def card_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> Acto
     moved = keyed_pose(obj, float(after))[:3, 3] - keyed_pose(obj, float(before))[:3, 3]
     ego = next(imported_objects(scene, "EGO"), None)
     apart = 0.0 if ego is None else (obj.matrix_world.translation - ego.matrix_world.translation).length
-    recorded = drive.actors.get(obj.unisim.look or obj.unisim.uid)
-    label = obj.unisim.label or (recorded.label if recorded is not None else "")
+    label = label_of("ACTOR", obj.unisim.look or obj.unisim.uid, look_scene_of(obj), obj.unisim.label, drive)
     return ActorCard(
         obj.name, label, role_of(scene, obj, drive), float(np.linalg.norm(moved)) / (2 * HALF_S), apart,
         present_span(shown_by_keys(obj, clock.frames), clock), size_of_card(obj),

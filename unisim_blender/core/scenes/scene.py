@@ -4,6 +4,7 @@ scene cannot give that a drive asks for."""
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
@@ -108,6 +109,17 @@ def other_scenes(drive: Drive) -> tuple[str, ...]:
     return tuple(sorted({actor.appearance.scene for actor in drive.actors.values()} - {""}))
 
 
+def without_other_scenes(drive: Drive) -> tuple[Drive, list[str]]:
+    """Return a drive without the actors of other trained scenes, which surfels cannot show, and a sentence that names them."""
+    foreign = [uid for uid, actor in drive.actors.items() if actor.appearance.scene]
+    if not foreign:
+        return drive, []
+    own = {uid: actor for uid, actor in drive.actors.items() if uid not in foreign}
+    return replace(drive, actors=own), [
+        f"{_named(foreign)}: not shown, since actors of another scene need a trained scene of this drive"
+    ]
+
+
 def mesh_digests(drive: Drive) -> dict[str, str]:
     """Return digests of all meshes in a drive, by their names in `Appearance`."""
     meshes = {actor.appearance.mesh for actor in drive.actors.values()} - {""}
@@ -138,15 +150,17 @@ def capability_warnings(scene: Scene, recorded: Drive, edited: Drive, sweeps: bo
         if uid not in recorded.actors and not a.appearance.scene and not a.appearance.mesh
     ]
     if not scene.has_actors and (changed or added):
-        every = [*changed, *added]
-        names = ", ".join(every[:_MAX_NAMED_ACTORS]) + (
-            f" and {len(every) - _MAX_NAMED_ACTORS} more" if len(every) > _MAX_NAMED_ACTORS else ""
-        )
         warnings.append(
-            f"scene {name!r} is one field without actors: edits of {names} change labels, but no image or sweep"
+            f"scene {name!r} is one field without actors: edits of {_named([*changed, *added])} change labels, but no "
+            "image or sweep"
         )
     if sweeps and not scene.has_lidar:
         warnings.append(
             f"scene {name!r} was trained without LiDAR: the intensities and drops of its sweeps mean nothing"
         )
     return warnings
+
+
+def _named(uids: list[str]) -> str:
+    more = len(uids) - _MAX_NAMED_ACTORS
+    return ", ".join(uids[:_MAX_NAMED_ACTORS]) + (f" and {more} more" if more > 0 else "")

@@ -13,10 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...core.actor_images.names import group_of
 from ...core.geometry import BoolArray, FloatArray
 from ...core.world.drive import Drive
 from ..sampled.clock import Clock, recorded_poses, recorded_there
 from ..sampled.scene import differ
+from ..sampled.source import shown_actor
 from ..texts import Text
 
 HALF_S = 0.3
@@ -26,8 +28,8 @@ MOVING_M_S = 1.5
 lateral acceleration."""
 TOLERANCE = 1.05
 """By which factor an edit may exceed what was recorded, where the recording itself exceeds a limit."""
-ON_WHEELS = ("car", "truck", "bus", "van", "semi")
-"""Words of the classes that the limits are for. Pedestrians turn on the spot."""
+ON_WHEELS = ("CAR", "TRUCK")
+"""Groups of the classes that the limits are for. Pedestrians turn on the spot."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,7 @@ def runs(mask: BoolArray) -> list[tuple[int, int]]:
 
 def is_limited(label: str) -> bool:
     """Return whether the limits are for actors of a class."""
-    return any(word in label.lower() for word in ON_WHEELS)
+    return group_of(label) in ON_WHEELS
 
 
 def exceeded(motion: MotionProfile, limits: Limits, recorded: MotionProfile | None = None) -> dict[str, BoolArray]:
@@ -206,12 +208,13 @@ def recorded_track(track: ObjectTrack, drive: Drive, clock: Clock) -> tuple[Floa
     return None if actor is None else (recorded_poses(actor, clock), recorded_there(actor, drive, clock))
 
 
-def label_of(kind: str, uid: str, own: str, drive: Drive) -> str:
-    """Return the class of an object: that of a mesh is its ``own``."""
+def label_of(kind: str, uid: str, scene: str, own: str, drive: Drive) -> str:
+    """Return the class of an object with the appearance of actor ``uid`` of a trained scene in folder ``scene``, or of
+    the drive where that is ""; that of a mesh is its ``own``. "" where nothing tells."""
     if kind == "EGO":
         return EGO_LABEL
-    actor = drive.actors.get(uid)
-    return own or (actor.label if actor is not None else "")
+    actor = None if own else shown_actor(uid, scene, drive)
+    return own if actor is None else actor.label
 
 
 _newest: dict[str, tuple[tuple[object, ...], MotionComparison]] = {}

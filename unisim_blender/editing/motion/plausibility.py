@@ -8,20 +8,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...core.actor_images.names import group_of
+from ...core.data.classes import motion_of
 from ...core.geometry import BoolArray, FloatArray, box_corners, invert_pose, transform_points
-from ...core.world.drive import Actor, Drive
+from ...core.world.drive import Drive
 from ..sampled.clock import Clock, recorded_poses, recorded_there
 from ..sampled.scene import WHY, Sampled, SampledObject, Scaling, differs, scale_text
 from ..sampled.source import DriveSource
 from ..sensors.lenses import degrees_across
 from ..texts import Text, translatable
-from .kinematics import ON_WHEELS, Limits, ObjectTrack, compared, describe, label_of
+from .kinematics import Limits, ObjectTrack, compared, describe, is_limited, label_of
 
 SIDEWAYS_RAD = np.radians(25)
 MOVING_M_S = 1.5
 """Slower than this, annotations' noise is larger than the motion."""
-FASTEST_M_S = {"pedestrian": 8.0, "bicycle": 18.0, "car": 70.0, "truck": 45.0, "bus": 40.0, "cone": 0.5, "sign": 0.5}
-"""By a word of the class."""
+FASTEST_M_S = {"PERSON": 8.0, "CYCLE": 18.0, "CAR": 70.0, "TRUCK": 45.0, "OTHER": 70.0}
+"""By the group of a class."""
+FASTEST_STILL_M_S = 0.5
+"""Of classes that stand where they are."""
 OFF_GROUND_M = 0.5
 FAR_VIEW_M = 3.0
 ASIDE_SHARE = 0.5
@@ -43,10 +47,13 @@ class Finding:
     text: str
 
 
-def warnings_of(sampled: Sampled, drive: Drive, limits: Limits | None = None) -> Iterator[Finding]:
+def warnings_of(
+    sampled: Sampled, drive: Drive, limits: Limits | None = None, is_trained: bool = True
+) -> Iterator[Finding]:
     """Yield what is not plausible in a sampled scene, as findings. What stands as recorded is taken as it is.
 
-    ``limits`` are those of motion; the default ones where it is None.
+    ``limits`` are those of motion; the default ones where it is None. ``is_trained`` tells whether the drive has a
+    trained scene, without which actors of other scenes are not shown.
     """
     limits = limits or Limits()
     actors = [obj for obj in sampled.of("ACTOR") if obj.there.any()]
@@ -54,6 +61,13 @@ def warnings_of(sampled: Sampled, drive: Drive, limits: Limits | None = None) ->
     ground = undersides(drive)
     for obj in edited:
         label = _label(obj, drive)
+        first = int(sampled.clock.frames[int(np.argmax(obj.there))])
+        if not label:
+            yield Finding(obj.name, first, Text("has no known class, so its motion is not checked"))
+        if obj.appearance_scene and not is_trained:
+            yield Finding(
+                obj.name, first, Text("is of another scene, so it is not shown without a trained scene of this drive")
+            )
         yield from _motion(obj, label, sampled.clock)
         yield from _limits(obj, drive, sampled.clock, limits)
         yield from _height(obj, ground, sampled.clock)
@@ -78,22 +92,19 @@ def _as_recorded(obj: SampledObject, drive: Drive, clock: Clock) -> bool:
 
 
 def _label(obj: SampledObject, drive: Drive) -> str:
-    if obj.mesh:
-        return obj.label.lower()
-    actor: Actor | None = drive.actors.get(obj.appearance or obj.uid)
-    return "" if actor is None else actor.label.lower()
+    return label_of(obj.kind, obj.appearance or obj.uid, obj.appearance_scene, obj.label if obj.mesh else "", drive)
 
 
 def _motion(obj: SampledObject, label: str, clock: Clock) -> Iterator[Finding]:
     step = np.diff(obj.poses[:, :3, 3], axis=0)
     both = obj.there[1:] & obj.there[:-1]
     speed = np.linalg.norm(step, axis=1) / np.diff(clock.times_s)
-    limit = next((fastest for word, fastest in FASTEST_M_S.items() if word in label), max(FASTEST_M_S.values()))
+    limit = FASTEST_STILL_M_S if motion_of(label) == "still" else FASTEST_M_S[group_of(label)]
     too_fast = both & (speed > limit)
     if too_fast.any():
         at = int(np.argmax(np.where(too_fast, speed, 0)))
         yield Finding(obj.name, int(clock.frames[at]), Text("goes {speed:.0f} km/h", speed=float(speed[at] * 3.6)))
-    if any(word in label for word in ON_WHEELS):
+    if is_limited(label):
         ahead = obj.poses[:-1, :3, 0]
         along = np.abs((step * ahead).sum(1)) / np.maximum(np.linalg.norm(step, axis=1), 1e-9)
         skids = both & (speed > MOVING_M_S) & (np.arccos(np.clip(along, 0, 1)) > SIDEWAYS_RAD)
@@ -103,7 +114,7 @@ def _motion(obj: SampledObject, label: str, clock: Clock) -> Iterator[Finding]:
 
 def _limits(obj: SampledObject, drive: Drive, clock: Clock, limits: Limits) -> Iterator[Finding]:
     """Yield where it exceeds each limit of motion most."""
-    label = label_of(obj.kind, obj.appearance or obj.uid, obj.label if obj.mesh else "", drive)
+    label = _label(obj, drive)
     motion = compared(ObjectTrack(obj.name, obj.kind, obj.uid, label, obj.poses, obj.there), drive, clock, limits)
     for name, where in motion.exceeded.items():
         if where.any():

@@ -18,7 +18,7 @@ from ...core.scenario import apply_scenario, check_scenario
 from ...core.scenario.sensors.document import CameraSpec, Sensors
 from ...core.scenario.sensors.select import camera_members
 from ...core.scenario.types import Scenario
-from ...core.scenes.scene import capability_warnings
+from ...core.scenes.scene import capability_warnings, without_other_scenes
 from ...core.world.drive import Camera, CameraModel, Drive, Lidar
 from ..edits.trajectories import keyframes
 from ..sampled.clock import Clock
@@ -99,9 +99,11 @@ _newest: list[tuple[DriveSource, Scenario, Drive]] = []
 
 
 def _request(source: DriveSource, edited: Drive, sensor: Camera | Lidar, time_s: float) -> dict[str, Any]:
-    """A capture's request, with sentences about what the trained scene cannot show of the edits."""
-    scene, warnings = source.scene_path, []
-    if scene is not None:
+    """A capture's request, with sentences about what cannot be shown of the edits."""
+    scene = source.scene_path
+    if scene is None:
+        edited, warnings = without_other_scenes(edited)
+    else:
         warnings = capability_warnings(OPENED.open(scene), source.drive, edited, isinstance(sensor, Lidar))
     request = capture_request(edited, source.parked, sensor, time_s, source.log_path, scene)
     return {**request, "warnings": warnings}

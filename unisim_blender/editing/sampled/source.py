@@ -20,13 +20,22 @@ from ...core.prepare.replay import aligned_log, replayed_drive
 from ...core.rigs import FORMAT as RIG_FORMAT
 from ...core.scenario import FORMAT
 from ...core.scenes.scene import OpenScenes
-from ...core.world.drive import Box, Drive
+from ...core.world.drive import Actor, Box, Drive
 from ...core.world.replay import parked_boxes
 from ..texts import Text, counted, series
 
 OPENED = OpenScenes()
 scene_actors = OPENED.actors
 """Gives the actors of the scene in a folder, as edits ask for them."""
+
+
+def shown_actor(uid: str, scene: str, drive: Drive) -> Actor | None:
+    """Return the actor whose appearance an object has: of the trained scene in folder ``scene``, or of the drive where
+    that is ""; None where it is not there."""
+    try:
+        return (scene_actors(Path(scene)) if scene else drive.actors).get(uid)
+    except UnisimError:
+        return None
 
 
 @dataclass(frozen=True)

@@ -221,6 +221,11 @@ def no_mesh(context: bpy.types.Context) -> Need:
     return plain, "Mesh actors keep their own appearance: select recorded actors only"
 
 
+def trained(context: bpy.types.Context) -> Need:
+    """The drive has a trained scene: without one, actors of other scenes are not shown."""
+    return bool(context.scene.unisim.scene), "Import or train a trained scene first"
+
+
 class UNISIM_OT_replace_appearance(Needing, _Chooses, bpy.types.Operator):
     """Replace the appearance and the box of the selected actors by those of another actor, on the same trajectory"""
 
@@ -233,6 +238,7 @@ class UNISIM_OT_replace_appearance(Needing, _Chooses, bpy.types.Operator):
         name="Trained scene",
         description="Folder of the trained scene; empty for the one of the drive",
         subtype="DIR_PATH",
+        options={"SKIP_SAVE"},
     )
     group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
     page: IntProperty(name="Page", description="Page that is shown; 0 for all at once", min=0, update=other_page)
@@ -281,12 +287,12 @@ class UNISIM_OT_insert_actor(Needing, _Chooses, bpy.types.Operator):
     filepath: StringProperty(
         name="Trained scene", description="Folder or scene.json of the trained scene; empty for the drive",
         subtype="FILE_PATH",
-        options={"HIDDEN"},
+        options={"HIDDEN", "SKIP_SAVE"},
     )  # fmt: skip
     actor: StringProperty(
         name="Actor",
         description="Identifier in the trained scene; empty for the one chosen by its thumbnail",
-        options={"HIDDEN"},
+        options={"HIDDEN", "SKIP_SAVE"},
     )
     group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
     page: IntProperty(name="Page", description="Page that is shown; 0 for all at once", min=0, update=other_page)
@@ -336,7 +342,7 @@ class UNISIM_OT_insert_from(Needing, bpy.types.Operator, ImportHelper):
     bl_idname = "unisim.insert_from"
     bl_label = "Insert from Another Scene"
     bl_options = {"INTERNAL"}
-    needs = (object_mode, drive)
+    needs = (object_mode, drive, trained)
 
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
 

@@ -58,7 +58,7 @@ class _OfSensor(Needing):
     bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle)
 
-    name: StringProperty(name="Sensor", options={"HIDDEN"})
+    name: StringProperty(name="Sensor", options={"HIDDEN", "SKIP_SAVE"})
 
     def sensor(self: Any, context: bpy.types.Context) -> bpy.types.Object | None:
         """The sensor of that name; None, with a report, where there is none."""

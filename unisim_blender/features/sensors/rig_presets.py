@@ -51,7 +51,7 @@ class UNISIM_OT_apply_rig(Needing, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle)
 
-    filepath: StringProperty(name="File", subtype="FILE_PATH", options={"HIDDEN"})
+    filepath: StringProperty(name="File", subtype="FILE_PATH", options={"HIDDEN", "SKIP_SAVE"})
     mode: EnumProperty(name="Sensors", items=MODES, options={"SKIP_SAVE"})
     offset: FloatVectorProperty(
         name="Offset", description="All of the rig, along the vehicle: forward, left, up", subtype="XYZ_LENGTH",
@@ -134,7 +134,7 @@ class UNISIM_OT_remove_rig(bpy.types.Operator):
     bl_label = "Remove Rig Preset"
     bl_options = {"REGISTER"}
 
-    filepath: StringProperty(name="File", subtype="FILE_PATH", options={"HIDDEN"})
+    filepath: StringProperty(name="File", subtype="FILE_PATH", options={"HIDDEN", "SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask first: undo brings no file back."""
