@@ -7,7 +7,7 @@ import numpy as np
 from bpy.props import EnumProperty, FloatProperty
 
 from ...bridge.changes.motion import displaced_along, follow, retimed, shift, stopped
-from ...bridge.objects.imported import source_of
+from ...bridge.objects.imported import look_scene_of, source_of
 from ...bridge.objects.meshes import size_of
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.window import allowed, chosen, counted_names, object_mode, refresh, selected
@@ -83,7 +83,7 @@ class Braking:
 def actor_habits(obj: bpy.types.Object, drive: Drive) -> Habits:
     """Return how an actor of its class moves."""
     about = obj.unisim
-    return habits_of(label_of(about.kind, about.look or about.uid, about.label, drive))
+    return habits_of(label_of(about.kind, about.look or about.uid, look_scene_of(obj), about.label, drive))
 
 
 class UNISIM_OT_follow_curve(FromTime, Braking, bpy.types.Operator):
