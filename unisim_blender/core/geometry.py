@@ -20,7 +20,7 @@ Quaternion = tuple[float, float, float, float]
 UNIT_BOX_CORNERS = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5], indexing="ij"), -1).reshape(8, 3)
 """The corners (8, 3) of a box with edges 1 about its centre."""
 _PRODUCTS = np.array([[0, 4, 5, 6], [4, 1, 7, 8], [5, 7, 2, 9], [6, 8, 9, 3]])
-"""Which of ww, xx, yy, zz, wx, wy, wz, xy, xz, yz are w, x, y, z times the largest of them."""
+"""Indices, among ww, xx, yy, zz, wx, wy, wz, xy, xz, yz, of the products of w, x, y, z with the largest of them."""
 
 
 def matrix_from_quaternion(quaternion_wxyz: FloatArray) -> FloatArray:
@@ -56,7 +56,7 @@ def quaternion_from_matrix(rotation: FloatArray) -> FloatArray:
 def nearest_rotation(matrices: FloatArray) -> FloatArray:
     """Return the rotations (..., 3, 3) that are nearest to matrices (..., 3, 3), by the Frobenius norm."""
     left, _, right = np.linalg.svd(matrices)
-    left[..., :, 2] *= np.sign(np.linalg.det(left @ right))[..., None]  # a mirror is none
+    left[..., :, 2] *= np.sign(np.linalg.det(left @ right))[..., None]  # a reflection is no rotation
     return np.asarray(left @ right)
 
 
@@ -126,23 +126,23 @@ def invert_pose(pose: FloatArray) -> FloatArray:
 
 
 def transform_points(pose: FloatArray, points: FloatArray) -> FloatArray:
-    """Points (..., N, 3) through poses (..., 4, 4)."""
+    """Return points (..., N, 3) transformed by poses (..., 4, 4)."""
     return points @ np.swapaxes(pose[..., :3, :3], -1, -2) + pose[..., None, :3, 3]
 
 
 def rotate_vectors(pose: FloatArray, vectors: FloatArray) -> FloatArray:
-    """Directions (..., N, 3) through the rotations of poses (..., 4, 4)."""
+    """Return directions (..., N, 3) rotated by poses (..., 4, 4)."""
     return vectors @ np.swapaxes(pose[..., :3, :3], -1, -2)
 
 
 STEADY_M, STEADY_RAD = 0.05, 5e-3
-"""A sensor that moves by less beside its mean place on the vehicle is taken to sit there where programs ask for one mount:
-recorded poses of a sensor and of its vehicle differ by as much, those of PandaSet's cameras by up to 18 mm and 0.08 degrees."""
+"""Largest deviation, metres and radians, of a sensor from its mean pose on the vehicle at which that pose is its mount.
+Recorded poses deviate by as much: those of PandaSet's cameras by up to 18 mm and 0.08 degrees."""
 
 
 def mean_pose(poses: FloatArray) -> tuple[FloatArray, float, float]:
-    """Return the mean (4, 4) of poses (T, 4, 4) that are near to each other, and how far the furthest is from it: metres and
-    radians."""
+    """Return the mean (4, 4) of poses (T, 4, 4) that are near to each other, and the largest deviation from it, metres
+    and radians."""
     quaternions = quaternion_from_matrix(poses[:, :3, :3])
     quaternions = quaternions * np.where(quaternions @ quaternions[0] < 0, -1.0, 1.0)[:, None]
     middle = quaternions.mean(0)
@@ -215,7 +215,7 @@ class Trajectory:
 
     @cached_property
     def times_list(self) -> list[float]:
-        """The keys' times as a list, in which one is found sooner."""
+        """The keys' times as a list, which is faster to search."""
         return self.times_s.tolist()
 
     @property
@@ -253,13 +253,13 @@ class Trajectory:
         return np.asarray(self.positions[lower] + u[..., None] * (self.positions[lower + 1] - self.positions[lower]))
 
     def _between(self, time: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
-        """The keys before times (...), and how far (...) each time is on the way to the next."""
+        """Return the keys before times (...), and the fraction (...) of the way to the next key at each time."""
         lower = np.clip(np.searchsorted(self.times_s, time, side="right") - 1, 0, len(self.times_s) - 2)
         return lower, (time - self.times_s[lower]) / (self.times_s[lower + 1] - self.times_s[lower])
 
     def between(self, start_s: float, end_s: float) -> Trajectory:
-        """The keys alone that poses from ``start_s`` to ``end_s`` depend on: `at` returns the same bits
-        for times between."""
+        """Return the trajectory with only the keys that poses from ``start_s`` to ``end_s`` depend on: `at` returns the
+        same bits for times between."""
         last = len(self.times_s) - 2
         if last < 1:
             return self
@@ -292,9 +292,9 @@ class Trajectory:
 def split_trajectories(
     times_s: FloatArray, positions: FloatArray, quaternions_wxyz: FloatArray, counts: Sequence[int]
 ) -> list[Trajectory]:
-    """The trajectories of keys (T,), (T, 3), (T, 4), so many keys each, one after the other: faster than to make each by itself.
+    """Split keys (T,), (T, 3), (T, 4) into consecutive trajectories of ``counts`` keys each, faster than one by one.
 
-    Raises `TrajectoryError` as that does.
+    Raises `TrajectoryError` as `Trajectory` does.
     """
     ends = np.cumsum(counts, dtype=np.int64)
     parts = [slice(end - count, end) for count, end in zip(counts, ends.tolist(), strict=True)]
@@ -322,7 +322,9 @@ def box_corners(pose: FloatArray, size_m: FloatArray) -> FloatArray:
 
 
 def points_in_box(points: FloatArray, pose: FloatArray, size_m: FloatArray) -> BoolArray:
-    """Which points (N, 3) lie in the box, its surface included: (N,)."""
+    """Return whether points (N, 3) lie in the box with its centre at ``pose`` (4, 4) and edges ``size_m`` (3,), its
+    surface included: (N,) bool."""
+    assert points.ndim == 2 and points.shape[1] == 3, points.shape
     local = transform_points(invert_pose(pose), points)
     return np.asarray((np.abs(local) <= np.asarray(size_m) / 2).all(-1))
 
@@ -330,12 +332,14 @@ def points_in_box(points: FloatArray, pose: FloatArray, size_m: FloatArray) -> B
 def intersect_boxes(
     origins: FloatArray, directions: FloatArray, box_from_world: FloatArray, size_m: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Where rays enter and leave boxes, by slabs: t_near, t_far (N, A); a ray that misses has t_near > t_far.
+    """Return where rays enter and leave boxes, by slabs: t_near, t_far (N, A), in lengths of the directions; a ray that
+    misses has t_near > t_far.
 
     origins, directions (N, 3); box_from_world (A, 4, 4) or (N, A, 4, 4) where boxes move with each ray's time; size_m
     (A, 3). t_near may be negative for rays that start inside. Components of direction that are zero are handled by
     the slabs' signs.
     """
+    assert origins.shape == directions.shape == (len(origins), 3), (origins.shape, directions.shape)
     pose = box_from_world if box_from_world.ndim == 4 else box_from_world[None]
     o = (
         np.einsum("naij,nj->nai", np.broadcast_to(pose, (len(origins), *pose.shape[1:]))[..., :3, :3], origins)

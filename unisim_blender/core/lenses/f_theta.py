@@ -16,10 +16,11 @@ from .lens import EDGE, Lens, LensError, angle_and_heading, direction_of, is_num
 from .monotonic import STEEPEST, Inverse, end_of_rise
 
 MOST_COEFFICIENTS = 16
+"""Largest number of coefficients of a polynomial."""
 WIDEST_RADIUS = 20.0
-"""In focal lengths; a radius beyond this is no image."""
+"""Largest radius of an image, in focal lengths."""
 FIT_POINTS = 512
-"""At which the approximate one of a lens's two polynomials is fitted."""
+"""Number of points at which the approximate one of a lens's two polynomials is fitted."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +156,7 @@ class FTheta(Lens):
 
     @cached_property
     def _end(self) -> float:
-        """Where the polynomial's argument ends."""
+        """End of the polynomial's argument."""
         if self.radius_from_angle:
             return end_of_rise(self._slope, self._widest, STEEPEST)
         return end_of_rise(self._slope, WIDEST_RADIUS)

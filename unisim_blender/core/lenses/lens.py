@@ -19,16 +19,16 @@ from ..errors import UnisimError, short
 from ..geometry import BoolArray, FloatArray
 
 NARROWEST_RAD = math.radians(1.0)
-"""A lens whose valid domain ends closer to the optical axis than this is refused."""
+"""Smallest angle from the optical axis, radians, at which the valid domain of a lens may end."""
 LEAST_SLOPE = 1e-3
-"""The valid domain ends where the image moves less than this fraction of what it does on the axis: beyond it the image folds."""
+"""Smallest slope of the projection inside the valid domain, relative to that on the axis: beyond it the image folds."""
 
 EDGE = 1 + 1e-12
-"""Rounding may carry what lies on the edge of the valid domain so far beyond it."""
+"""Factor by which rounding may carry a point of the valid domain's edge beyond it."""
 
 
 class LensError(UnisimError):
-    """Parameters that make no lens."""
+    """Parameters that do not define a lens."""
 
 
 class Lens(ABC):
@@ -47,7 +47,7 @@ class Lens(ABC):
     @property
     @abstractmethod
     def axis_slope(self) -> float:
-        """How far a point of the plane moves for a radian, at the optical axis."""
+        """Slope of the projection at the optical axis: distance in the plane per radian."""
 
     @abstractmethod
     def project(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -106,8 +106,8 @@ def is_number(value: object) -> bool:
 
 
 def angle_and_heading(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the angle (...) of points (..., 3) from the optical axis, and the unit vector (...), (...) in which they lie beside
-    it; (1, 0) on the axis. NaN where a point is none."""
+    """Return the angle (...), radians, of points (..., 3) from the optical axis, and the unit vector (...), (...) of
+    their heading from it; (1, 0) on the axis. NaN where a point is not finite."""
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
     aside = np.hypot(x, y)
     on_axis = aside == 0

@@ -14,7 +14,7 @@ from .lens import EDGE, LEAST_SLOPE, Lens, LensError
 from .plane_distortion import PlaneDistortion
 
 WIDEST_RADIUS = 10.0
-"""On the plane before distortion; a radius beyond this is no image."""
+"""Largest radius of an image, on the plane before distortion."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Mei(Lens):
         return np.where(valid[..., None], np.stack(self._from_plane(x, y), -1), np.nan)
 
     def _from_plane(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The direction of a point of the plane: where its ray hits the sphere."""
+        """Return the direction of a point of the plane: where its ray hits the sphere."""
         m2 = x * x + y * y
         along = (self.xi + np.sqrt(np.maximum(1 + (1 - self.xi * self.xi) * m2, 0.0))) / (1 + m2)
         return along * x, along * y, along - self.xi

@@ -11,10 +11,12 @@ from ..geometry import BoolArray, FloatArray
 from .lens import EDGE, LEAST_SLOPE
 
 NODES = 2049
+"""Number of nodes of an inverse's table."""
 STEEPEST = 1e6
-"""Of a lens's slope, by that on its axis: beyond it the inverse's cells next to 0 are too coarse; no real lens comes near."""
+"""Largest slope of a lens, relative to that on its axis: beyond it the inverse's cells next to 0 are too coarse; no
+real lens comes near."""
 ITERATIONS = 6
-"""A fixed number: what one value gives depends on no other value that is asked for beside it."""
+"""Number of Newton steps, fixed so that the result of a value does not depend on the other values of the array."""
 BISECTIONS = 60
 
 Function = Callable[[FloatArray], FloatArray]

@@ -1,6 +1,6 @@
 """OpenCV's fisheye, the model of Kannala and Brandt: the radius is an odd polynomial of the angle.
 
-Its base class is of all lenses whose image is round about the optical axis: a radius for each angle."""
+`RadialLens` is the base class of lenses that are radially symmetric about the optical axis."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from .monotonic import STEEPEST, Inverse, end_of_rise
 
 
 class RadialLens(Lens):
-    """A lens by its radius of an angle; valid while the radius rises, and up to `widest_rad`."""
+    """A lens whose radius is a function of the angle; valid while the radius rises, and up to `widest_rad`."""
 
     @property
     @abstractmethod
     def widest_rad(self) -> float:
-        """The domain ends here at the latest."""
+        """Largest angle of the valid domain, radians."""
 
     @abstractmethod
     def radius(self, angle: FloatArray) -> FloatArray:
-        """The radius in the plane (...) of angles (...) in radians."""
+        """Return the radius (...) in the plane of angles (...), radians."""
 
     @abstractmethod
     def radius_slope(self, angle: FloatArray) -> FloatArray:
-        """Its derivative (...)."""
+        """Return the derivative (...) of `radius` at angles (...), radians."""
 
     @cached_property
     def _end(self) -> float:

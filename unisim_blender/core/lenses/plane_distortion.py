@@ -21,11 +21,11 @@ from .monotonic import BISECTIONS, Inverse, end_of_rise
 HEADINGS = 90
 RADII = 1024
 NEWTON = 6
-"""A fixed number, as in `monotonic`."""
+"""Number of Newton steps, fixed as in `monotonic`."""
 RESCUE = 60
 CLOSE = 1e-12
 FARTHEST = 64.0
-"""The domain ends where a distorted radius is larger than so many focal lengths, as beside a pole of the denominator."""
+"""Largest distorted radius of the valid domain, in focal lengths: beside a pole of the denominator it has no bound."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class PlaneDistortion:
         return not any(self.p) and not any(self.s)
 
     def distort(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the distorted points (...), (...)."""
+        """Return the distorted points (...), (...) of points x, y (...), in focal lengths."""
         (p1, p2), (s1, s2, s3, s4) = self.p, self.s
         r2 = x * x + y * y
         factor = self._factor(r2)
@@ -84,7 +84,8 @@ class PlaneDistortion:
         return u, v
 
     def undistort(self, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Return the points of the valid domain (...), (...) whose distortion is (u, v) (...), and where there are such."""
+        """Return the points (...), (...) of the valid domain whose distortion is u, v (...), and whether (...) there is
+        one."""
         distance = np.hypot(u, v)
         known = np.isfinite(distance)
         distance, u, v = (np.where(known, a, 0.0) for a in (distance, u, v))
@@ -110,7 +111,7 @@ class PlaneDistortion:
     def _step(
         self, x: FloatArray, y: FloatArray, u: FloatArray, v: FloatArray, damping: FloatArray | float = 1.0
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """One step of Newton's method, kept on the disc; and how far (x, y) missed."""
+        """Return (x, y) after a step of Newton's method, kept on the disc, and the distance by which (x, y) missed."""
         du, dv = self.distort(x, y)
         du, dv = du - u, dv - v
         a, b, c, d = self._jacobian(x, y)
@@ -150,7 +151,7 @@ class PlaneDistortion:
         return best_x, best_y
 
     def _reach(self, u: FloatArray, v: FloatArray) -> FloatArray:
-        """How far from the centre the image of the disc reaches in the heading of (u, v), and slightly more."""
+        """Return the radius, slightly enlarged, of the image of the disc in the heading of (u, v)."""
         heading = np.linspace(-np.pi, np.pi, 8 * HEADINGS)
         x, y = self.distort(self.radius * np.cos(heading), self.radius * np.sin(heading))
         at = np.arctan2(y, x)

@@ -28,7 +28,7 @@ from .opencv_pinhole import OpenCVPinhole
 
 @dataclass(frozen=True)
 class Pinhole(Lens):
-    """A pinhole without distortion. Its valid domain is what lies before the camera's plane."""
+    """A pinhole without distortion. Its valid domain is the half space in front of the camera's plane."""
 
     TYPE: ClassVar[str] = "pinhole"
 
@@ -61,7 +61,7 @@ LensKindT = TypeVar("LensKindT", bound=type[Lens])
 
 
 def _check_class(kind: object) -> None:
-    """Raise `ValueError` for what is no class of lenses, or has no name."""
+    """Raise `ValueError` unless ``kind`` is a subclass of `Lens` with a name."""
     if not isinstance(kind, type) or not issubclass(kind, Lens):
         raise ValueError(f"{kind!r} is no class of lenses")
     name = getattr(kind, "TYPE", None)

@@ -1,11 +1,12 @@
-"""Rendering of frames within an error bound, at the cheapest settings that keep it, as measured on a sample of rays.
+"""Rendering of frames within an error bound, at the cheapest settings that keep it, estimated on a sample of rays.
 
-A sweep's beams hang on nothing but themselves, so a sample of them, rendered at every settings and at the truth, says
-at most how large a quantile of all errors is, whatever their distribution. An image's squared errors are another
-matter: one pixel in two thousand can hold half of their sum, and no sample of a frame hits enough of these. So
-settings are chosen by pixels of frames all over the drive, once for each camera; each image is then checked by pixels
-of its own, more of them where it has edges, and what the worst pixels add to it is taken from the drive's. A frame's
-settings hang on the drive and on itself alone, never on what was rendered before.
+A beam's error depends on that beam alone. So a sample of a sweep's beams, rendered at each of the settings and at the
+truth, gives an upper bound on a quantile of all errors, whatever their distribution.
+
+This does not hold for an image's squared errors: one pixel in two thousand can have half of their sum, and no sample of
+a frame has enough such pixels. Settings are therefore chosen once for each camera, by pixels of frames spread over the
+drive. Each image is then checked by a sample of its own pixels, denser at edges; the worst pixels' contribution is
+taken from the drive. A frame's settings depend on the drive and the frame alone, not on what was rendered before.
 """
 
 from __future__ import annotations
@@ -47,24 +48,24 @@ SWEEP_SAMPLE_BEAMS = 512
 DRIVE_SAMPLE_PIXELS = 1024
 """Number of pixels of each of `sample_frames` from which a camera's settings are chosen."""
 IMAGE_SAMPLE_PIXELS = 900
-"""Pixels of each image that are checked."""
+"""Number of pixels of each image that are compared with the truth."""
 PATCH_PX, DRIVE_SAMPLE_PATCHES, IMAGE_SAMPLE_PATCHES = 16, 2, 16
 """Edge in pixels of the squares sampled where pixels depend on their neighbours, and their number in each frame and image."""
 WORST_PIXEL_SHARE = 0.02
-"""This share of a drive's pixels is too rare to be judged by one image's sample."""
+"""Share of a drive's pixels, those of the largest errors, that is too rare to be judged by one image's sample."""
 WORST_ERROR_FACTOR = 1.5
-"""Factor on what the worst pixels add to the drive's mean image, for a single image."""
+"""Factor from the worst pixels' contribution to the drive's mean error to that of a single image."""
 DRIVE_STANDARD_ERRORS, IMAGE_STANDARD_ERRORS = 1.0, 2.5
 """Number of standard errors added to a mean over the drive's pixels, and over an image's."""
 START_MARGIN_FACTOR = 1.5
-"""Settings are tried first that the drive's pixels say keep the bound by so much: a second image costs more."""
+"""Factor on the drive's errors at which the settings that are tried first keep the bound: a second image costs more."""
 
 Colours = NDArray[np.float64]
 
 
 class BoundedRenderer:
-    """Renders captures of a drive so that ``bounds`` are kept; sensors that none is for at the renderer's own quality.
-    ``draw`` as of `captures.render_sweep`; ``seed`` is of the samples."""
+    """Renders captures of a drive within ``bounds``; sensors without a bound at the renderer's own quality. ``draw`` as
+    of `captures.render_sweep`; ``seed`` is of the samples."""
 
     def __init__(
         self,
@@ -88,7 +89,7 @@ class BoundedRenderer:
         return self.sweep(capture)
 
     def sweep(self, capture: Capture) -> LidarFrame:
-        """One sweep. Settings are tried on the sample alone, the cheapest first."""
+        """Render a sweep. Settings are tried on the sample alone, the cheapest first."""
         if not self.of_depth:
             return render_sweep(self.renderer, self.states, capture, self.draw)
         lidar = self.states.lidar(capture.sensor_id)
@@ -117,7 +118,7 @@ class BoundedRenderer:
             return self.renderer.beams(self.states.states.state(*window), rays, lidar)[0]
 
     def image(self, capture: Capture, passes: Sequence[str] = ("rgb",), width: int | None = None) -> CameraFrame:
-        """One image with the passes asked for. Bounds are of its colours."""
+        """Render an image with these passes. Bounds are of its colours."""
         renderer, states = self.renderer, self.states
         if not self.of_colour:
             return render_image(renderer, states, capture, passes, width)
@@ -151,7 +152,7 @@ class BoundedRenderer:
 
 @contextmanager
 def at_quality(renderer: Renderer, quality: Quality) -> Iterator[None]:
-    """Let a renderer have a quality."""
+    """Set a renderer's quality inside the context."""
     before = renderer.quality
     renderer.quality = quality
     try:
@@ -161,14 +162,16 @@ def at_quality(renderer: Renderer, quality: Quality) -> Iterator[None]:
 
 
 def colour_errors(rgb: Colours, truth: Colours) -> dict[str, FloatArray]:
-    """Errors (N,) of colours (N, 3), by `ErrorBound.unit`: mean squares, and colour differences."""
+    """Return errors (N,) of colours (N, 3), sRGB in 0..1, by `ErrorBound.unit`: mean squares over the channels, and CIE
+    1976 colour differences."""
+    assert rgb.shape == truth.shape, (rgb.shape, truth.shape)
     lab = [lab_from_srgb(np.asarray(x, np.float32)) for x in (rgb, truth)]
     return {"dB": ((rgb - truth) ** 2).mean(-1), "dE": np.linalg.norm(lab[0] - lab[1], axis=-1)}
 
 
 @dataclass(frozen=True)
 class _Errors:
-    """Of a drive's pixels at one settings, by `ErrorBound.unit`."""
+    """Errors of a drive's pixels at one of the settings, by `ErrorBound.unit`."""
 
     of_pixels: dict[str, FloatArray]
 
@@ -176,17 +179,17 @@ class _Errors:
         return mean_at_most(self.of_pixels[bound.unit], DRIVE_STANDARD_ERRORS)
 
     def cap(self, bound: ErrorBound) -> float:
-        """The error that the WORST pixels exceed."""
+        """Return the error that `WORST_PIXEL_SHARE` of the pixels exceed."""
         return float(np.quantile(self.of_pixels[bound.unit], 1 - WORST_PIXEL_SHARE))
 
     def beyond(self, bound: ErrorBound) -> float:
-        """Return how much the errors' excess over the cap adds to their mean, at most."""
+        """Return an upper bound on the contribution of the errors' excess over the cap to their mean."""
         return mean_at_most(np.maximum(self.of_pixels[bound.unit] - self.cap(bound), 0), DRIVE_STANDARD_ERRORS)
 
 
 class Patches:
-    """A camera's images as squares of ``side`` pixels: single pixels, where each hangs on its own ray alone, unless
-    they are to be ``in_patches`` all the same."""
+    """Division of a camera's images into squares of ``side`` pixels: of 1 where each pixel depends on its own ray alone
+    and ``in_patches`` is false, else of `PATCH_PX`."""
 
     def __init__(
         self, renderer: Renderer, states: CaptureStates, camera_id: str, width: int | None, in_patches: bool = False
@@ -202,29 +205,30 @@ class Patches:
 
     @cached_property
     def order(self) -> NDArray[np.int64]:
-        """All patches, neighbours together."""
+        """Numbers (P,) of all patches, neighbours next to each other."""
         return tiled((self.rows, self.columns))
 
     def region(self, unit: int) -> Region:
-        """A patch, by its number."""
+        """Return the region of the patch of this number."""
         y, x = (int(a) * self.side for a in divmod(unit, self.columns))
         model = self.camera.model
         return Region(x, y, min(model.width, x + self.side), min(model.height, y + self.side))
 
     def owners(self, units: NDArray[np.int64]) -> NDArray[np.int64]:
-        """For every pixel of these patches the place of its patch in ``units``."""
+        """Return for each pixel of the patches ``units`` (U,) the index of its patch in ``units``: (N,)."""
         areas = [(r.right - r.left) * (r.bottom - r.top) for r in map(self.region, units)] if self.side > 1 else 1
         return np.repeat(np.arange(len(units)), areas)
 
     def shown(self, image: NDArray[np.float32], units: NDArray[np.int64]) -> Colours:
-        """Return the colours (N, 3) of an image (h, w, 3) in these patches."""
+        """Return the colours (N, 3) of an image (h, w, 3) in the patches ``units`` (U,), sRGB in 0..1."""
         if self.side == 1:
             return np.clip(image.reshape(-1, 3)[units], 0, 1).astype(np.float64)
         parts = [image[r.top : r.bottom, r.left : r.right].reshape(-1, 3) for r in map(self.region, units)]
         return np.clip(np.concatenate(parts), 0, 1).astype(np.float64)
 
     def rendered(self, capture: Capture, units: NDArray[np.int64], quality: Quality) -> Colours:
-        """The same (N, 3), rendered for that, every pixel by a ray of its own."""
+        """Return the colours (N, 3) of the patches ``units`` (U,), sRGB in 0..1, rendered with a ray for every
+        pixel."""
         renderer, states, camera = self.renderer, self.states, self.camera
         with at_quality(renderer, replace(quality, lattice=1)):
             if self.side == 1:
@@ -240,7 +244,7 @@ class Patches:
 
 
 class _DrivePixels:
-    """Patches of frames all over a drive, and their errors at the settings that were asked for."""
+    """Patches of frames spread over a drive, and their errors at the settings that were asked for."""
 
     def __init__(self, patches: Patches, seed: int) -> None:
         self.patches = patches
@@ -258,19 +262,19 @@ class _DrivePixels:
         )
 
     def errors(self, name: str) -> _Errors:
-        """At settings, by their name."""
+        """Return the errors at the settings of this name."""
         if name not in self._errors:
             self._errors[name] = _Errors(colour_errors(self._rendered(ERROR_BOUND_QUALITIES[name]), self._truth))
         return self._errors[name]
 
     def keeps(self, name: str, bounds: Sequence[ErrorBound], scale: float) -> bool:
-        """Whether settings are expected to keep the bounds in an image whose errors are ``scale`` times the drive's."""
+        """Return whether settings are expected to keep the bounds in an image whose errors are ``scale`` times the
+        drive's."""
         return all(scale * self.errors(name).at_most(bound) <= bound.most for bound in bounds)
 
 
 class _Checked:
-    """Patches of an image and their truth, drawn where the image has edges more than elsewhere: there
-    most errors are."""
+    """Sampled patches of an image and their truth. Patches with edges are drawn more often: most errors are there."""
 
     def __init__(
         self, patches: Patches, capture: Capture, image: NDArray[np.float32], rng: np.random.Generator
@@ -294,7 +298,7 @@ class _Checked:
         return np.bincount(self._owners, of_pixels, len(self.units)) * self._scale
 
     def check(self, bound: ErrorBound, image: NDArray[np.float32], drive: _Errors) -> BoundCheck:
-        """A bound in an image of the same frame, beside the drive's errors at the same settings."""
+        """Check a bound in an image of the same frame, given the drive's errors at the same settings."""
         errors = colour_errors(self.patches.shown(image, self.units), self._truth)[bound.unit]
         terms, capped = self._terms(errors), self._terms(np.minimum(errors, drive.cap(bound)))
         most = max(
@@ -305,8 +309,8 @@ class _Checked:
 
 
 def edges(image: NDArray[np.float32]) -> FloatArray:
-    """How far each pixel's colour (h, w, 3) is from its four neighbours' at most, the largest of its
-    channels (h, w)."""
+    """Return the largest difference (h, w) of each pixel's colour from its four neighbours', over the channels of an
+    image (h, w, 3)."""
     out = np.zeros(image.shape[:2])
     for a, b, axis in ((out[1:], out[:-1], 0), (out[:, 1:], out[:, :-1], 1)):
         step = np.abs(np.diff(image, axis=axis)).max(-1)

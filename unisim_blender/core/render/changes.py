@@ -24,11 +24,11 @@ from .visibility import BOX_SLACK_M, EXPOSURE_MOMENTS, STATIC_SLACK_M, Reach, be
 
 ItemT = TypeVar("ItemT")
 APPEARANCE_MEMBERS = ("label", "appearance", "is_moving", "inserted", "is_ego_body", "scale")
-"""Members of an actor that say how it looks, beside its size."""
+"""Members of an actor that define its look, beside its size."""
 MESH_MARGIN_PX = 2
-"""Meshes are traced by several rays about a pixel's middle."""
+"""Margin in pixels around meshes, which are traced by several rays about a pixel's middle."""
 REGION_COST_PX = 1024
-"""Cost of another region, in pixels."""
+"""Cost of one more region, in pixels."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class SweptBox:
 def changed_regions(
     renderer: Renderer, before: RenderedState, after: RenderedState, camera: Camera
 ) -> list[Region] | None:
-    """Return the regions outside of which a camera's images of two states have the same bits; None where all may
+    """Return the regions outside of which a camera's images of two states have the same bits; None where all pixels may
     differ. ``camera`` is that of the second image."""
     state = after.state
     if not before.comparable(after) or renderer.backend.sees_all:
@@ -130,8 +130,8 @@ def changed_regions(
 def changed_beams(
     renderer: Renderer, before: RenderedState, after: RenderedState, lidar: Lidar, rays: Rays
 ) -> BoolArray | None:
-    """Return which rays (B, C) of a LiDAR that stands can measure something else in the second state than in the first;
-    None where all may."""
+    """Return which rays (B, C) of a LiDAR that stands can measure something else in the second state than in the first:
+    (B, C) bool; None where all may."""
     if not before.comparable(after) or renderer.backend.sees_all:
         return None
     static = changed_static(before.state, after.state)
@@ -274,8 +274,8 @@ def _standing(actor: Actor, state: WorldState) -> bytes | None:
 
 
 def _furthest_step(poses: FloatArray, radius_m: float) -> float:
-    """Return how far a point within ``radius_m`` of the origin moves at most from one of poses (K, 4, 4) to the next:
-    no further than the origin does and the point turns about it."""
+    """Return the largest distance, metres, that a point within ``radius_m`` of the origin moves from one of poses (K,
+    4, 4) to the next: at most the origin's distance plus the rotation's."""
     steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     turns = np.linalg.norm(np.diff(poses[:, :3, :3], axis=0), axis=(1, 2)) * radius_m
     return float((steps + turns).max(initial=0.0))

@@ -1,4 +1,4 @@
-"""The identity of the code that renders: part of the identity of everything that is kept."""
+"""Identity of the code that renders: part of the key of everything that is cached."""
 
 from __future__ import annotations
 
@@ -25,8 +25,7 @@ NOT_RENDERING = (
 
 @cache
 def code_identity() -> dict[str, str]:
-    """The package's version, and a digest of core's sources and native libraries, less those that take no
-    part in rendering."""
+    """Return the package's version, and a digest of core's sources and native libraries without `NOT_RENDERING`."""
     try:
         release = version("unisim_blender")
     except PackageNotFoundError:  # run from its sources, or as an extension of Blender
@@ -36,7 +35,8 @@ def code_identity() -> dict[str, str]:
 
 @cache
 def code_digest(left_out: tuple[str, ...] = (), root: Path = CORE_FOLDER) -> str:
-    """A digest of the sources and native libraries below ``root``, less folders and modules of these names."""
+    """Return a digest of the sources and native libraries below ``root``, without folders and modules of these
+    names."""
     digest = hashlib.sha256()
     for path in sorted(p for p in root.rglob("*") if p.suffix in CODE_SUFFIXES and p.is_file()):
         if path.relative_to(root).parts[0] not in left_out:

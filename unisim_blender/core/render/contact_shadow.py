@@ -1,6 +1,6 @@
-"""Soft shadows under actors that the recording does not have there: without one a car seems to float.
+"""Contact shadows under actors that the recording does not have there: without one a car seems to float.
 
-What the sun does is in the recorded light; this is only what a body near the ground keeps from it of the sky's light.
+Direct sunlight is in the recorded light; a contact shadow is the sky's light that a body near the ground blocks.
 """
 
 from __future__ import annotations
@@ -26,10 +26,12 @@ SHADOW_CUTOFF_M = 5 * SHADOW_DECAY_M
 def shaded(
     rgb: NDArray[np.float32], points: FloatArray, ground: BoolArray, actors: Iterable[Actor], time_s: float
 ) -> NDArray[np.float32]:
-    """The image (H, W, 3), display-referred sRGB, with shadows of ``actors`` at a time.
+    """Return the image (H, W, 3), display-referred sRGB, with contact shadows of ``actors`` at ``time_s``.
 
-    points (H, W, 3) are what the pixels show, in the world; ``ground`` (H, W) those that show no actor.
+    ``points`` (H, W, 3) are the places that the pixels show, world frame, metres; ``ground`` (H, W) is True where they
+    show no actor.
     """
+    assert points.shape == rgb.shape and ground.shape == rgb.shape[:2], (rgb.shape, points.shape, ground.shape)
     light = np.ones(rgb.shape[:2])
     flat = points.reshape(-1, 3)
     for actor in actors:

@@ -1,13 +1,13 @@
 """Adaptive tracing of an image: pixels on a lattice first, then those in blocks whose corners differ.
 
-What lies between corners that are alike is interpolated: colours as they are, depths as disparities, which are linear
-on planes. Where they differ a little, the pixel in a block's middle is traced too, and if it is what the corners
-predict, the block is left at that. A block is decided on by its own pixels alone, so a part of an image that begins on
-the lattice has the whole's bits. An image can be looked at while it grows: what is traced of it at first, every eighth
-pixel say, is what is traced of it at last.
+Pixels between similar corners are interpolated: colours linearly, depths as disparities, which are linear on planes.
+Where corners differ a little, the pixel in the block's middle is traced too; if it agrees with the corners' prediction,
+the block is interpolated as well. Each block is decided by its own pixels alone, so a part of an image that begins on
+the lattice has the bits of the whole image. The pixels that are traced first, for a preview, are pixels of the finished
+image.
 
-Plain numpy (``plain_*``) specifies which blocks differ, what their corners predict and what lies between, and runs
-without the compiled kernels; these (native/blocks.cpp) give the same bits.
+The numpy functions (``plain_*``) specify which blocks differ, what their corners predict and how pixels are
+interpolated, and run without the compiled kernels; the kernels (native/blocks.cpp) give the same bits.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from .tracer import BUNDLE_SIDE_RAYS, Array, Maps
 def fill_passes(
     out: CameraFrame, maps: Maps, along: FloatArray | None, shape: tuple[int, ...], up: int, inner: tuple[slice, slice]
 ) -> None:
-    """Put passes of rays, one a cell of ``shape``, into a frame; a cell is ``up`` x ``up`` pixels; ``inner`` of them
-    count. ``along`` (h, w), of each ray's cell, is how far a metre of it goes along the optical axis:
-    for depths alone."""
+    """Write the passes of rays, one for each cell of ``shape`` (h, w), into a frame. A cell is ``up`` x ``up`` pixels,
+    of which rows and columns ``inner`` are kept. ``along`` (h, w), for depths alone, is the component of each cell's
+    unit ray along the optical axis."""
 
     def full(values: NDArray[Any], kind: type[np.generic]) -> NDArray[Any]:
         grid = values.reshape(*shape, *values.shape[1:])
@@ -123,20 +123,21 @@ class Tile(NamedTuple):
 
 
 MAX_DISPARITY_RANGE = 0.1
-"""Depths at corners that differ by more than this share lie on several surfaces, or on one that bends."""
+"""Largest relative difference of the corners' depths on one flat surface."""
 MAX_DISPARITY_TWIST = 0.01
 """Largest distance of the corners' disparities from one plane, relative to the largest of them."""
 NEAR_BOXES = "near_boxes"
-"""A map that says of pixels that something thinner than a block may be beside them: every pixel there is traced."""
+"""Name of the map of pixels beside which something thinner than a block may be: all of these are traced."""
 EDGE_CONTRAST = 4.0
-"""Where corners differ by more than this times what they may, something ends between them: nothing is predicted."""
+"""Difference of corners, relative to the allowed one, above which an edge lies between them and nothing is
+predicted."""
 PREDICTION_TOLERANCE = 0.5
 """Largest difference of a middle from its corners' mean, relative to the corners' allowed difference."""
 Blocks = NDArray[np.int64]
 """Rows and columns of blocks' first pixels (N, 2)."""
 LABEL_MAPS = ("instance", "unsupported")
 MAP_KINDS = {"rgb": 0, "depth": 1, "normal": 2, NEAR_BOXES: 5, **dict.fromkeys(LABEL_MAPS, 4)}
-"""Kinds of maps in the kernels, by name; others are numbers, 3, or alike at all corners, 6."""
+"""Kinds of maps in the kernels, by name. Other maps are of kind 3, numbers, or 6, equal at all corners."""
 MAX_CHANNELS = 4
 
 
@@ -152,14 +153,14 @@ class SparseImage:
         self.known = np.zeros(self.shape, bool)
 
     def put(self, numbers: NDArray[np.int64], maps: Maps) -> None:
-        """Values at pixels by their flat numbers."""
+        """Set the values of pixels by their flat numbers (N,)."""
         for name, values in maps.items():
             if name not in self.values:
                 self.values[name] = np.zeros((self.shape[0] * self.shape[1], *values.shape[1:]), values.dtype)
             self.values[name][numbers] = values
 
     def corners(self, name: str, blocks: Blocks, size: int) -> NDArray[Any]:
-        """Values (4, N, ...) at the corners of blocks."""
+        """Return the values (4, N, ...) at the corners of blocks."""
         y, x = blocks.T
         number = y * self.shape[1] + x
         steps = np.array([0, size, size * self.shape[1], size * self.shape[1] + size])
@@ -167,7 +168,7 @@ class SparseImage:
 
 
 def differ(image: SparseImage, blocks: Blocks, size: int, spread: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which blocks (N,) have corners that are not alike, and of which others their middles are to tell."""
+    """Return which blocks (N,) have corners that differ, and for which others the middles decide: (N,) bool each."""
     planes = _planes(image)
     if planes is None:
         return plain_differ(image, blocks, size, spread)
@@ -177,7 +178,7 @@ def differ(image: SparseImage, blocks: Blocks, size: int, spread: float) -> tupl
 
 
 def predicted(image: SparseImage, blocks: Blocks, size: int, spread: float) -> NDArray[np.bool_]:
-    """Whether what was traced in the middles of blocks (N,) is what stands at their corners."""
+    """Return whether the traced middles of blocks (N,) agree with the prediction of their corners: (N,) bool."""
     planes = _planes(image)
     if planes is None:
         return plain_predicted(image, blocks, size, spread)
@@ -187,8 +188,8 @@ def predicted(image: SparseImage, blocks: Blocks, size: int, spread: float) -> N
 
 
 def fill(image: SparseImage, blocks: Blocks, size: int) -> None:
-    """Values in blocks whose corners are alike, at pixels that were not traced: bilinear, and bent to a middle that was
-    traced, less and less towards the edges."""
+    """Interpolate the pixels that were not traced in blocks (N,) with similar corners: bilinear, with a correction towards
+    a traced middle that falls to 0 at the block's edges."""
     planes = _planes(image)
     if planes is None:
         return plain_fill(image, blocks, size)
@@ -232,7 +233,7 @@ def _call(
 def plain_differ(
     image: SparseImage, blocks: Blocks, size: int, spread: float
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which blocks (N,) have corners that are not alike, and of which others their middles are to tell."""
+    """`differ` in numpy."""
     rgb = image.corners("rgb", blocks, size)
     range_of = (rgb.max(0) - rgb.min(0)).max(1)
     apart = range_of > EDGE_CONTRAST * spread
@@ -251,7 +252,7 @@ def plain_differ(
 
 
 def plain_predicted(image: SparseImage, blocks: Blocks, size: int, spread: float) -> NDArray[np.bool_]:
-    """Whether what was traced in the middles of blocks (N,) is what stands at their corners."""
+    """`predicted` in numpy."""
     y, x = (blocks + size // 2).T
     number = y * image.shape[1] + x
     rgb = image.corners("rgb", blocks, size)
@@ -266,8 +267,7 @@ def plain_predicted(image: SparseImage, blocks: Blocks, size: int, spread: float
 
 
 def plain_fill(image: SparseImage, blocks: Blocks, size: int) -> None:
-    """Values in blocks whose corners are alike, at pixels that were not traced: bilinear, and bent to a middle that was
-    traced, less and less towards the edges."""
+    """`fill` in numpy."""
     steps = np.arange(size, dtype=np.float32) / np.float32(size)
     tent = 1 - np.abs(2 * steps - 1)
     tent = (tent[:, None] * tent).reshape(-1, 1)
@@ -302,13 +302,13 @@ def plain_fill(image: SparseImage, blocks: Blocks, size: int) -> None:
 
 
 Trace = Callable[[NDArray[np.int64]], tuple[Array, Maps]]
-"""Colours (N, 3) and maps (N, ...) of pixels by their flat numbers."""
+"""Function from flat numbers (N,) of pixels to their colours (N, 3) and maps (N, ...)."""
 
 
 def aligned(cells: tuple[slice, slice], size: int, shape: tuple[int, int]) -> tuple[slice, slice]:
-    """Rows and columns of an image of that shape (h, w), dilated to where a lattice of ``size`` begins and ends.
+    """Return rows and columns of an image of ``shape`` (h, w), dilated to where a lattice of ``size`` begins and ends.
 
-    With a block before those that begin on its lines: it may have these traced.
+    A block before rows or columns that begin on the lattice is included: it may have their pixels traced.
     """
     rows, columns = (
         slice(max(0, part.start - 1) // size * size, min(end, ((part.stop - 1) // size + 1) * size + 1))
@@ -320,10 +320,10 @@ def aligned(cells: tuple[slice, slice], size: int, shape: tuple[int, int]) -> tu
 def progressive_strides(
     image: SparseImage, size: int, spread: float, trace: Trace, coarse: Sequence[int] = (), band: int | None = None
 ) -> Iterator[tuple[int, slice]]:
-    """Fills an image from a lattice of ``size``, a power of two, and says what there is of it: a stride and rows.
+    """Fill an image from a lattice of ``size``, a power of two, and yield what is finished: a stride and rows.
 
-    ``spread`` is by how much colours may differ between the corners of what is interpolated. First every stride-th
-    pixel of every stride-th row, for those strides of ``coarse`` that are multiples of ``size``; then, with stride 1,
+    ``spread`` is the largest difference of colours between corners that are interpolated. First every stride-th pixel
+    of every stride-th row, for those strides of ``coarse`` that are multiples of ``size``; then, with stride 1,
     finished bands of ``band`` rows or a few less, from the top.
     """
     h, w = image.shape
@@ -348,7 +348,7 @@ def progressive_strides(
 
 
 def _refine(image: SparseImage, blocks: Blocks, size: int, spread: float, trace: Trace) -> None:
-    """Fills blocks whose corners are known. Those above and to the left are full, or here too."""
+    """Fill blocks whose corners are known. Blocks above and to the left are filled already, or among these."""
     leaves, w = [], image.shape[1]
     while size > 1 and len(blocks):
         half = size // 2
@@ -372,13 +372,13 @@ def _refine(image: SparseImage, blocks: Blocks, size: int, spread: float, trace:
 
 
 def _numbers(rows: NDArray[np.int64], columns: NDArray[np.int64], width: int) -> NDArray[np.int64]:
-    """Flat numbers of the pixels in rows and columns."""
+    """Return the flat numbers of the pixels in rows and columns."""
     numbers: NDArray[np.int64] = (rows[:, None] * width + columns).reshape(-1)
     return numbers
 
 
 def _take(image: SparseImage, numbers: NDArray[np.int64], stride: int, trace: Trace) -> None:
-    """Traces those of the pixels that are not known, which lie about ``stride`` apart; neighbours together."""
+    """Trace those of the pixels that are not known, about ``stride`` apart, neighbours next to each other."""
     known = image.known.reshape(-1)
     numbers = numbers[~known[numbers]]
     if len(numbers) == 0:

@@ -38,9 +38,9 @@ SPACE_VERSION = 1
 MAX_FRAMES_PER_SENSOR = 10
 """Largest number of frames of each sensor whose rays are followed."""
 IMAGE_COLUMNS, SWEEP_BEAMS = 128, 24
-"""About how many rays an image is wide, and how many beams of a sweep are followed."""
+"""Approximate number of rays across an image, and of beams of a sweep, that are followed."""
 AZIMUTH_CELLS, ELEVATION_CELLS = 180, 90
-"""Parts of all directions by which the background is known, two degrees each way."""
+"""Number of cells of azimuth and of elevation by which directions of the background are known, two degrees each."""
 DILATION_CELLS = 2
 """Number of cells by which the directions in which the background was seen are dilated."""
 MAX_CACHED_SCENES = 64
@@ -53,7 +53,7 @@ Observed = tuple[SceneHeader, NDArray[Any], float]
 
 @runtime_checkable
 class Observing(Backend, Protocol):
-    """A backend of a trained scene, which notes what its recording shows."""
+    """Backend of a trained scene that knows what its recording shows."""
 
     @property
     def observed(self) -> Observed:
@@ -61,8 +61,8 @@ class Observing(Backend, Protocol):
         ...
 
     def within(self, space: ObservedSpace, clip: bool) -> Backend:
-        """The same backend that tells by an observed space what is supported and, where ``clip``, shows
-        nothing beside it."""
+        """Return the backend with support decided by an observed space and, where ``clip``, nothing shown outside of
+        it."""
         ...
 
 
@@ -81,15 +81,16 @@ class ObservedSpace:
 
     @cached_property
     def _clearance(self) -> NDArray[np.uint8]:
-        """Chessboard distances (X, Y, Z), in voxels, to the nearest that was passed and is clear of what
-        is shown, or less."""
+        """Lower bounds (X, Y, Z) of the chessboard distances, in voxels, to the nearest voxel that was passed and is
+        not shown."""
         return clearance(self.passed & ~self.shown)
 
     def starts(self, rays: Rays) -> NDArray[np.float32]:
-        """Metres (N,) along rays (N,) to the first voxel that a recorded ray passed through; inf where there is none.
+        """Return the distances (N,), metres, along flat rays (N,) to the first voxel that a recorded ray passed
+        through; inf where there is none.
 
-        Where a ray comes from a place that none passed, what it hits first has to be clear of surfaces, too: beside
-        these, where rays went a little too far into a wall, its back would be seen.
+        For a ray that starts where no recorded ray passed, that voxel must not be a shown one: beside surfaces, where
+        recorded rays went slightly too far into a wall, its back would be seen.
         """
         o, d = (np.ascontiguousarray(x, np.float64) for x in self._into(rays))
         first = self._first(o, d)
@@ -100,8 +101,8 @@ class ObservedSpace:
         return first
 
     def _first(self, o: FloatArray, d: FloatArray) -> NDArray[np.float32]:
-        """Metres along rays (N, 3), volume coordinates, to the first voxel of no clearance, by the kernel
-        where it applies."""
+        """Return the distances (N,), metres, along rays (N, 3), volume coordinates, to the first voxel of clearance 0,
+        by the kernel where the library was built."""
         library = native.library()
         if library is None:
             return self.first_reference(o, d)
@@ -121,7 +122,7 @@ class ObservedSpace:
         ].T
 
     def first_reference(self, o: FloatArray, d: FloatArray) -> NDArray[np.float32]:
-        """The same in numpy."""
+        """`_first` in numpy."""
         safe = np.where(np.abs(d) < 1e-9, 1e-9, d)
         a, b = -o / safe, (self.size_m - o) / safe
         t, far = np.minimum(a, b).max(1).clip(NEAR_M), np.maximum(a, b).min(1)
@@ -142,12 +143,14 @@ class ObservedSpace:
         return out
 
     def background_seen(self, directions: FloatArray) -> BoolArray:
-        """In which directions (N, 3), world frame, a recorded camera saw the background: (N,)."""
+        """Return whether a recorded camera saw the background in directions (N, 3), world frame: (N,) bool."""
         return np.asarray(self.background[direction_parts(directions)])
 
     def supported(self, rays: Rays, depth_m: NDArray[Any], instance: NDArray[Any], clipped: bool) -> BoolArray:
-        """Which rays (N,) end at an actor, at something that the recording shows, or at a background that it saw.
-        ``clipped``: whether nothing but what the recording shows was hit."""
+        """Return whether flat rays (N,) end at an actor, at something that the recording shows, or at a background that
+        it saw: (N,) bool. ``depth_m`` (N,) is inf and ``instance`` (N,) 0 where nothing and no actor was hit.
+        ``clipped``: only what the recording shows was hit."""
+        assert depth_m.shape == instance.shape == rays.time_s.shape, (depth_m.shape, instance.shape, rays.time_s.shape)
         out = instance > 0
         number = np.flatnonzero(~out & np.isfinite(depth_m))
         ends = rays.origins[number] + rays.directions[number] * depth_m[number, None].astype(np.float64)
@@ -166,7 +169,7 @@ class ObservedSpace:
 
 
 def direction_parts(directions: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows and columns (N,) of directions (N, 3) among the parts by which the background is known."""
+    """Return rows and columns (N,) of directions (N, 3), world frame, in the grid by which the background is known."""
     elevation = np.arcsin(np.clip(directions[:, 2], -1, 1)) / np.pi + 0.5
     azimuth = np.arctan2(directions[:, 1], directions[:, 0]) / (2 * np.pi) + 0.5
     rows = np.clip((elevation * ELEVATION_CELLS).astype(np.int64), 0, ELEVATION_CELLS - 1)
@@ -174,8 +177,8 @@ def direction_parts(directions: FloatArray) -> tuple[NDArray[np.int64], NDArray[
 
 
 def clearance(marked: BoolArray) -> NDArray[np.uint8]:
-    """Chessboard distances (X, Y, Z) in voxels to the nearest that is marked, at most 255; less where
-    there are no kernels."""
+    """Return chessboard distances (X, Y, Z), in voxels, to the nearest voxel of ``marked`` (X, Y, Z), at most 255;
+    lower bounds where there are no kernels."""
     library = native.library()
     if library is not None:
         closed, shape = np.ascontiguousarray(marked, np.uint8), np.array(marked.shape, np.int32)
@@ -190,7 +193,7 @@ def clearance(marked: BoolArray) -> NDArray[np.uint8]:
 
 
 def dilated(marked: BoolArray) -> BoolArray:
-    """Voxels (X, Y, Z) that are marked, or next to one that is."""
+    """Return the voxels (X, Y, Z) bool that are marked or adjacent to a marked one."""
     for axis in range(marked.ndim):
         out = marked.copy()
         before, after = ([slice(None)] * marked.ndim for _ in range(2))
@@ -204,8 +207,8 @@ def dilated(marked: BoolArray) -> BoolArray:
 def observe_space(
     backend: Backend, header: SceneHeader, shown: NDArray[Any], voxel_m: float
 ) -> Iterator[float | ObservedSpace]:
-    """Follow rays of the recorded sensors through a trained scene: shares of the work done, and last
-    the observed space.
+    """Follow rays of the recorded sensors through a trained scene: yield the fractions of work done, and last the
+    observed space.
 
     ``shown`` (X, Y, Z) are the voxels that training noted as shown. Rays are a part of those that the
     scene was trained on.
@@ -297,13 +300,13 @@ class _Observing:
 
 
 def closed(passed: BoolArray) -> BoolArray:
-    """Voxels (X, Y, Z) with the gaps between rays, a voxel wide or two, closed."""
+    """Return the voxels (X, Y, Z) with the gaps between rays, one or two voxels wide, closed."""
     padded = np.pad(passed, 1)
     return ~dilated(~dilated(padded))[1:-1, 1:-1, 1:-1]
 
 
 def spread(background: BoolArray) -> BoolArray:
-    """Directions (elevations, azimuths) with those within `DILATION_CELLS` parts; azimuths go round."""
+    """Return directions (elevations, azimuths) dilated by `DILATION_CELLS`; azimuths wrap around."""
     padded = np.pad(
         np.pad(background, ((0, 0), (DILATION_CELLS, DILATION_CELLS)), mode="wrap"),
         ((DILATION_CELLS, DILATION_CELLS), (0, 0)),
@@ -314,7 +317,7 @@ def spread(background: BoolArray) -> BoolArray:
 
 
 def cached_space(header: SceneHeader, shown: NDArray[Any], voxel_m: float) -> ObservedSpace | None:
-    """A scene's observed space from the user's cache folder; None where it is not there or broken."""
+    """Return a scene's observed space from the user's cache folder; None where it is missing or broken."""
     with suppress(OutputError, KeyError):
         arrays = read_arrays(_file(header), OutputError)
         bits = {"passed": shown.size, "background": ELEVATION_CELLS * AZIMUTH_CELLS}
@@ -330,7 +333,7 @@ def cached_space(header: SceneHeader, shown: NDArray[Any], voxel_m: float) -> Ob
 
 
 def cache_space(header: SceneHeader, space: ObservedSpace) -> None:
-    """Leave a scene's observed space in the user's cache folder, where that can be written."""
+    """Store a scene's observed space in the user's cache folder, where that can be written."""
     file = _file(header)
     with suppress(OutputError, OSError):
         with partial_file(file) as temporary, temporary.open("wb") as stream:

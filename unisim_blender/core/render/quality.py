@@ -57,7 +57,7 @@ TRUTH_QUALITY = replace(QUALITIES["reference"], samples=16.0, background=8.0)
 
 
 def quality_named(name: str) -> Quality:
-    """The quality of that name; SceneError lists the names."""
+    """Return the quality of that name. Raises `SceneError`, which lists the names."""
     if name not in QUALITIES:
         raise SceneError(f"no quality {name!r}: there are {', '.join(QUALITIES)}")
     return QUALITIES[name]

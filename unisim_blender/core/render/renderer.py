@@ -63,7 +63,7 @@ class _Exposure:
 
 
 class _Binding:
-    """A backend and its tracer of the last state, which is kept."""
+    """A backend and its tracer of the last state."""
 
     def __init__(self, backend: Backend) -> None:
         self.backend = backend
@@ -173,7 +173,8 @@ class Renderer:
         return reach_of(self.shadows)
 
     def margin(self, state: WorldState) -> int:
-        """Return how many pixels beside a ray's own depend on it: the reach of the decoder, and the blocks of the lattice."""
+        """Return the number of pixels beside a ray's own that depend on it: the reach of the decoder, and the lattice's
+        blocks."""
         tracer = self.tracer(state)
         return tracer.upsample * (tracer.reach + 1) + 2 * self.quality.lattice
 
@@ -392,7 +393,8 @@ def _needed(passes: Sequence[str], shades: bool) -> set[str]:
 
 
 def reach_of(shadows: bool) -> Reach:
-    """Return how far a frame depends on what its own rays do not hit, with contact shadows or without."""
+    """Return the distances over which a frame depends on what its own rays do not hit, with contact shadows or
+    without."""
     return Reach(shadow_m=SHADOW_CUTOFF_M if shadows else 0.0, light_m=PROBE_M + 1.0)
 
 

@@ -23,7 +23,7 @@ from .renderer import Renderer
 
 PASS_FIELDS = ("rgb", "depth_m", "z_depth_m", "normal", "instance", "opacity", "unsupported")
 MAX_CHANGED_SHARE = 0.7
-"""Where a larger part of a frame may differ, all of it is rendered."""
+"""Share of a frame that may differ above which all of it is rendered."""
 
 
 @dataclass(frozen=True)

@@ -39,9 +39,10 @@ class ActorSet:
 
 @dataclass(frozen=True)
 class ActiveActors:
-    """``own`` are actors with appearances of the scene itself, ``foreign`` those of other scenes by their paths, in
-    order; ``mesh_actors`` are meshes. ``removals`` are boxes in which nothing stands above the ground; ``targets`` are
-    boxes of copies, as actors that stand still throughout, and ``sources`` where each one's content is."""
+    """Active actors of a state. ``own`` are those with appearances of the scene itself, ``foreign`` those of other
+    scenes by their paths, in order; ``mesh_actors`` are meshes. ``removals`` are boxes in which nothing stands above
+    the ground; ``targets`` are boxes of copies, as actors that stand still throughout, and ``sources`` where each one's
+    content is."""
 
     own: ActorSet
     foreign: dict[str, ActorSet] = field(default_factory=dict)
@@ -61,9 +62,9 @@ class ActiveActors:
 
 
 def active_actors(state: WorldState, appearances: Mapping[str, Sequence[str] | None]) -> ActiveActors:
-    """The active actors of a state. ``appearances`` are the actors that the rows of each scene's tables belong to, the
-    scene's own under "", others' under their paths, None for a scene that is one field: it has no own actors, and what
-    a state says of them is left out. Raises `SceneError`."""
+    """Return the active actors of a state. ``appearances`` are the actors that the rows of each scene's tables belong
+    to, the scene's own under "", others' under their paths, None for a scene that is one field: it has no own actors,
+    and what a state says of them is left out. Raises `SceneError`."""
     scene_is_single_field = appearances[""] is None
     actors = [a for a in state.actors if not scene_is_single_field or a.appearance.scene or a.appearance.mesh]
     foreign = {}
@@ -119,22 +120,22 @@ UNIFORM_STEP_M = 0.2
 
 @dataclass
 class TraceResult(Generic[ValuesT]):
-    """Result of tracing rays (N,). feature (N, F) composited, the background and the sky included where they were
-    asked for; depth_m (N,) the mean distance of what stopped the ray, 0 where nothing did; opacity (N,); maps, one
-    array (N, ...) for each pass."""
+    """Result of tracing rays (N,). feature (N, F) composited, the background and the sky included where they were asked
+    for; depth_m (N,) the mean distance, metres along the ray, of what stopped it, 0 where nothing did; opacity (N,) in
+    0..1; maps, one array (N, ...) for each pass."""
 
     feature: ValuesT
     depth_m: ValuesT
     opacity: ValuesT
     maps: Maps
     foreign_features: list[ValuesT] = field(default_factory=list)
-    """For each foreign scene, by weight, features (N, F') of its own."""
+    """Features (N, F') of each foreign scene, composited."""
     foreign_opacity: list[ValuesT] = field(default_factory=list)
-    """How much of each ray (N,) each foreign scene's actors stop."""
+    """Opacity (N,) of each foreign scene's actors."""
     without_foreign: ValuesT | None = None
     """``feature`` as if no foreign actor and no mesh were there; None where none is."""
     mesh_opacity: Array | None = None
-    """How much of each ray (N,) meshes stop; None where there are none."""
+    """Opacity (N,) of meshes; None where there are none."""
 
 
 class Backend(Protocol):
@@ -149,15 +150,14 @@ class Backend(Protocol):
     """Whether a frame depends on actors out of its view."""
 
     def bind(self, state: WorldState) -> Tracer[Any]:
-        """Return what traces rays through the scene in this state. Raises `SceneError` for actors
-        that no scene holds."""
+        """Return the tracer of the scene in this state. Raises `SceneError` for actors that no scene holds."""
 
     def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
         """Return whether what stands has the same bits for a sensor that stands at all times from ``start_s`` to ``end_s``,
         seconds, whatever else is traced with it."""
 
     def overhang_m(self, actor: Actor) -> float:
-        """Return how far beside its box an actor may show, metres."""
+        """Return the largest distance, metres, by which an actor may extend past its box."""
 
 
 class Tracer(Protocol[ValuesT]):
@@ -166,7 +166,7 @@ class Tracer(Protocol[ValuesT]):
     upsample: int
     """Image pixels along one edge of a cell of the feature map."""
     reach: int
-    """How many cells away a pixel of `image` can depend on."""
+    """Largest distance, in cells, of a cell that a pixel of `image` depends on."""
     active: ActiveActors
     """The actors of the state, by the scene that their appearances come from."""
     quality: Quality
@@ -183,18 +183,20 @@ class Tracer(Protocol[ValuesT]):
     def image(
         self, traced: TraceResult[ValuesT], directions: FloatArray, camera_id: str, shape: tuple[int, ...]
     ) -> Array:
-        """The image (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w),
-        directions (h w, 3)."""
+        """Return the image (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), seen along
+        unit directions (h w, 3), world frame."""
 
     def returns(self, traced: TraceResult[ValuesT], directions: FloatArray) -> tuple[Array, Array]:
-        """A LiDAR's intensities in 0..1 (N,), and the probabilities (N,) of a return."""
+        """Return a LiDAR's intensities in 0..1 (N,), and the probabilities of a return (N,), along unit directions (N,
+        3)."""
 
     def heights(self, points: FloatArray) -> FloatArray:
-        """How high points (N, 3), world frame, are above the ground (N,), metres."""
+        """Return the heights (N,), metres, of points (N, 3), world frame, above the ground."""
 
 
 def tiled(shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """Numbers of rays (h, w), or (N,), so ordered that neighbours come together: near rays ask for the same rows."""
+    """Return the numbers (h w,) int64 of rays of ``shape`` (h, w), or (N,), ordered by squares: near rays read the same
+    rows."""
     numbers = np.arange(int(np.prod(shape)), dtype=np.int64).reshape(shape)
     if len(shape) < 2:
         return numbers

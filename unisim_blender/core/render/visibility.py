@@ -1,6 +1,6 @@
-"""Restrict a state to what one exposure can see: actors and boxes that none of its rays can hit are left out.
+"""Restriction of a state to what one exposure can see: actors and boxes that none of its rays can hit are left out.
 
-The test is conservative. A camera's frustum is dilated by `PAD_PIXELS`, and each box by what it moves in the camera's
+The test is conservative. A camera's frustum is dilated by `PAD_PIXELS`, and each box by its movement in the camera's
 frame while the shutter is open. A sweep sees all round, as far as the LiDAR's range. Contact shadows, and the ground
 that meshes are lit from, matter beside a pixel's own ray: see `Reach`.
 """
@@ -18,19 +18,19 @@ from ..world.drive import Actor, Box, Camera, CameraModel, Lidar, StaticCopy
 from ..world.replay import PaddedKeys, WorldState
 
 PAD_PIXELS = 4
-"""Cells of several pixels may reach so far beyond an image's edges."""
+"""Margin around an image, in pixels: cells of several pixels may extend beyond its edges."""
 EXPOSURE_MOMENTS = 5
 """Number of times in an exposure at which boxes are tested against the frustum."""
 BOX_SLACK_M = 0.05
 STATIC_SLACK_M = 0.5
-"""How far beside a removed box the static world may have been changed."""
+"""Margin around removed boxes, metres, within which the static world may have been changed."""
 
 
 @dataclass(frozen=True)
 class Reach:
-    """How far a frame depends on what its own rays do not hit: ``shadow_m`` is the reach of contact shadows beside
-    inserted actors, ``light_m`` the distance around a mesh's box within which the ground lights it. ``whole``: on all of
-    its state, wherever the sensor looks."""
+    """Distances, metres, over which a frame depends on what its own rays do not hit: ``shadow_m`` is the reach of
+    contact shadows beside inserted actors, ``light_m`` the distance around a mesh's box within which the ground lights
+    it. ``whole``: the frame depends on all of its state, wherever the sensor looks."""
 
     shadow_m: float = 0.0
     light_m: float = 0.0
@@ -47,14 +47,14 @@ def seen_by(state: WorldState, sensor: Camera | Lidar, reach: Reach) -> WorldSta
     moments = np.linspace(state.start_s, state.end_s, EXPOSURE_MOMENTS)
     corners = np.concatenate([_actor_corners(actors, moments, reach), _box_corners(boxes, len(moments))])
     if isinstance(sensor, Lidar):
-        keep = _in_range(corners, sensor, moments)
+        visible = _in_range(corners, sensor, moments)
     else:
         poses = sensor.world_from_camera.at(moments)
-        keep = _in_frustum(corners, sensor.model, poses)
-        lit = [i for i, actor in enumerate(actors) if actor.appearance.mesh and keep[i]]
-        keep |= beside_lines_of_sight(corners, lit, poses[:, :3, 3], reach.light_m)
-    seen, copies = keep[: len(actors)], keep[len(actors) : len(actors) + len(state.static_copies)]
-    removed = keep[len(actors) + len(state.static_copies) :]
+        visible = _in_frustum(corners, sensor.model, poses)
+        lit = [i for i, actor in enumerate(actors) if actor.appearance.mesh and visible[i]]
+        visible |= beside_lines_of_sight(corners, lit, poses[:, :3, 3], reach.light_m)
+    seen, copies = visible[: len(actors)], visible[len(actors) : len(actors) + len(state.static_copies)]
+    removed = visible[len(actors) + len(state.static_copies) :]
     return replace(
         state,
         actors=_chosen(actors, seen),
@@ -68,8 +68,8 @@ def copy_box(copy: StaticCopy) -> Box:
     return Box(copy.world_from_target, copy.source.size_m)
 
 
-def _chosen(items: Sequence, keep: BoolArray) -> tuple:  # type: ignore[type-arg]
-    return tuple(item for item, is_kept in zip(items, keep, strict=True) if is_kept)
+def _chosen(items: Sequence, mask: BoolArray) -> tuple:  # type: ignore[type-arg]
+    return tuple(item for item, is_chosen in zip(items, mask, strict=True) if is_chosen)
 
 
 def _actor_corners(actors: Sequence[Actor], moments: FloatArray, reach: Reach) -> FloatArray:
@@ -123,8 +123,9 @@ def _in_range(corners: FloatArray, lidar: Lidar, moments: FloatArray) -> BoolArr
 
 
 def beside_lines_of_sight(corners: FloatArray, lit: Sequence[int], origins: FloatArray, reach_m: float) -> BoolArray:
-    """Return which boxes, corners (N, T, 8, 3), lie on the way from the camera at ``origins`` (T, 3) to the ground
-    round one of the boxes ``lit``, or behind it."""
+    """Return which boxes, corners (N, T, 8, 3), world frame, or (N, 1, 8, 3) where they stand still, lie on the way
+    from the camera at ``origins`` (T, 3) to the ground around one of the boxes ``lit``, or behind it: (N,) bool."""
+    assert origins.shape == (corners.shape[1], 3) or corners.shape[1] == 1, (corners.shape, origins.shape)
     out = np.zeros(len(corners), bool)
     to = corners.mean(2) - origins
     distance = np.maximum(np.linalg.norm(to, axis=-1), 1e-6)

@@ -112,7 +112,7 @@ VLP32C = (
         (-25.0, 1.4),
     ),
 )
-"""Elevation and azimuth offset, clockwise, of each laser."""
+"""Elevation and azimuth offset, clockwise, of each laser, degrees."""
 
 
 def vlp32c() -> LidarModel:
@@ -154,7 +154,7 @@ BEAM_TABLES: dict[str, Callable[[], LidarModel]] = {
 
 ROTATION_SIGNS = {"cw": -1, "ccw": 1}
 EVEN_TOLERANCE_RAD = 1e-5
-"""Azimuths, which the files have in float32, that are no further from even ones are even."""
+"""Largest deviation, radians, of azimuths from even ones that counts as rounding: files have them in float32."""
 
 
 def read_beam_table(path: Path, min_range_m: float = 0.5, max_range_m: float = 200.0) -> LidarModel:

@@ -1,5 +1,5 @@
-"""Which actors a bundle of rays can hit at all: bounding spheres of their trajectories, and the cone
-that holds the rays."""
+"""Culling of actors that a bundle of rays cannot hit, by bounding spheres of their trajectories and the cone that holds
+the rays."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from ..world.drive import Actor
 from .rays import Rays
 
 BIN_S = 0.05
+"""Length of a bin of time, seconds."""
 BIN_SLACK_S = 1e-4
-"""A time that lies on the edge of two bins may be rounded into either."""
+"""Margin of a bin, seconds: a time on the edge of two bins may be rounded into either."""
 
 
 class Bounds:
-    """A sphere round each of the actors for every bin of time, so that most rays are sorted out without a pose.
+    """Bounding spheres of actors for bins of time, by which most rays are culled without a pose.
 
-    Bins are `BIN_S` long from ``first_s`` on; centres are (bins, actors, 3), world frame, and radii (bins, actors); a
-    radius below 0 says that the actor is absent.
+    Bins are `BIN_S` long from ``first_s`` on; centres are (bins, actors, 3), world frame, and radii (bins, actors),
+    metres, below 0 where the actor is absent.
     """
 
     def __init__(self, actors: Sequence[Actor]) -> None:
@@ -43,7 +44,8 @@ class Bounds:
             self.radii[here, number] = half[number] + step / 2 + 0.5
 
     def between(self, actor: int, first_s: float, last_s: float) -> tuple[FloatArray, FloatArray] | None:
-        """Spheres (K, 3), (K,) round one actor over a span of time, world frame; None where it is absent throughout."""
+        """Return the spheres (K, 3), (K,) around one actor over a span of time, world frame; None where it is absent
+        throughout."""
         last_bin = len(self.radii) - 1
         low = min(max(int((first_s - self.first_s) // BIN_S), 0), last_bin)
         high = min(max(int((last_s - self.first_s) // BIN_S), 0), last_bin)
@@ -52,7 +54,7 @@ class Bounds:
         return (self.centres[low : high + 1, actor][here], radii[here]) if here.any() else None
 
     def in_reach(self, rays: Rays) -> list[int]:
-        """Actors that flat rays (N,) can hit: present at some ray's time, and not behind the cone
+        """Return the indices of actors that flat rays (N,) can hit: present at some ray's time, and touched by the cone
         that holds the rays."""
         if not self.windows or len(rays.time_s) == 0:
             return []
@@ -85,7 +87,8 @@ class Bounds:
 
 
 def beside_boxes(actors: Sequence[Actor], rays: Rays, widening: float) -> BoolArray:
-    """Which flat rays (N,) pass by boxes that are there at their time, nearer than ``widening`` times the distance."""
+    """Return whether flat rays (N,) pass boxes that are present at the ray's time, nearer than ``widening`` times the
+    distance: (N,) bool."""
     near = np.zeros(len(rays.time_s), bool)
     times, which = np.unique(rays.time_s, return_inverse=True)
     for i in Bounds(actors).in_reach(rays):

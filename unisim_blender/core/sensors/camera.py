@@ -11,11 +11,12 @@ from . import unprojection
 from .rays import Rays
 
 MAX_COUNTED_SPAN = 1 << 14
-"""Values that lie farther apart than this, and than there are of them, are sorted rather than counted."""
+"""Span of values above which they are sorted rather than counted, unless there are more values than the span."""
 
 
 def pixel_directions(model: CameraModel, u: FloatArray, v: FloatArray) -> FloatArray:
-    """Unit directions (..., 3) in the camera's frame through image points (u, v) (...), in pixels from the top left corner."""
+    """Return unit directions (..., 3) in the camera's frame through image points u, v (...), pixels from the top left
+    corner."""
     if not model.is_pinhole:
         return unprojection.directions(model, u, v)
     x, y = (u - model.cx) / model.fx, (v - model.cy) / model.fy
@@ -32,19 +33,21 @@ def lines(model: CameraModel, u: FloatArray, v: FloatArray) -> FloatArray:
 
 
 def line_count(model: CameraModel) -> int:
-    """How many lines the shutter reads."""
+    """Return the number of lines that the shutter reads."""
     return model.width if model.shutter.axis == "columns" else model.height
 
 
 def line_times(camera: Camera, time_s: float | FloatArray, line: FloatArray) -> FloatArray:
-    """Exposure times (...) of `lines` (...), in pixels, of an image taken at ``time_s``, or of one each (...)."""
+    """Return exposure times (...), seconds, of `lines` (...), pixels, of an image taken at ``time_s``, or of one each
+    (...)."""
     shutter = camera.model.shutter
     duration_s = shutter.duration_s if camera.readouts is None else shutter.duration_s * camera.readouts.at(time_s)
     return time_s + duration_s * (line / line_count(camera.model) - shutter.reference)
 
 
 def camera_rays(camera: Camera, time_s: float, u: FloatArray, v: FloatArray) -> Rays:
-    """Rays through points u, v (...), in pixels, of an image taken at ``time_s``; every ray leaves at its line's own time."""
+    """Return rays (...), world frame, through points u, v (...), pixels, of an image taken at ``time_s``; each ray
+    leaves at its line's own time."""
     if camera.model.shutter.duration_s == 0.0:
         pose = camera.world_from_camera.at(time_s)
         local = pixel_directions(camera.model, u, v)
@@ -55,7 +58,8 @@ def camera_rays(camera: Camera, time_s: float, u: FloatArray, v: FloatArray) -> 
 
 
 def rays_at_times(camera: Camera, time_s: float | FloatArray, u: FloatArray, v: FloatArray) -> Rays:
-    """Rays through image points u, v (...), in pixels, of an image that was taken at a time, or of one each (...)."""
+    """Return rays (...), world frame, through points u, v (...), pixels, of an image taken at ``time_s``, or of one
+    each (...)."""
     # a line's rays leave together: one pose for all of them
     line = lines(camera.model, u, v)
     if np.ndim(time_s) == 0:
@@ -76,8 +80,8 @@ def rays_at_times(camera: Camera, time_s: float | FloatArray, u: FloatArray, v: 
 
 
 def along_axis(camera: Camera, time_s: float, u: FloatArray, v: FloatArray) -> FloatArray:
-    """How far along the optical axis, as it is at ``time_s``, a metre of each ray goes: `camera_rays`' directions times
-    that axis. Image points u (1, W), v (H, 1) in pixels; the answer is (H, W)."""
+    """Return the component (H, W) of the directions of `camera_rays` along the optical axis at ``time_s``, for image
+    points u (1, W), v (H, 1), pixels."""
     model = camera.model
     axis = camera.world_from_camera.at(time_s)[:3, 2]
     line = lines(model, u[0], v[:, 0])
@@ -92,8 +96,8 @@ def along_axis(camera: Camera, time_s: float, u: FloatArray, v: FloatArray) -> F
 
 
 def distinct(values: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
-    """The distinct ones of values (...), rising, and the number of its own for each (...): `np.unique`, without sorting
-    where they are whole steps apart, like rows of pixels."""
+    """Return the distinct values, ascending, and the index (...) of each value among them: `np.unique`, without sorting
+    where they are whole steps apart, as rows of pixels are."""
     flat = values.reshape(-1)
     if len(flat):
         first = float(flat.min())
@@ -109,7 +113,7 @@ def distinct(values: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
 
 
 def pixel_grid(model: CameraModel, step: int = 1) -> tuple[FloatArray, FloatArray]:
-    """Centres u, v (ceil(H / step), ceil(W / step)) of the cells of step x step pixels, in pixels."""
+    """Return the centres u, v (ceil(H / step), ceil(W / step)), pixels, of cells of step x step pixels."""
     rows, columns = -(-model.height // step), -(-model.width // step)
     v, u = np.meshgrid((np.arange(rows) + 0.5) * step, (np.arange(columns) + 0.5) * step, indexing="ij")
     return u, v

@@ -23,9 +23,10 @@ MAX_SAMPLE_FRAMES = 16
 
 @dataclass(frozen=True)
 class ErrorBound:
-    """``limit`` by ``unit``. mm: the ``quantile`` of the absolute depth error of a sweep's beams is at most that; beams
-    that hit something in the truth or in the render count, infinitely wrong where they do in one alone. dB: an image's
-    PSNR is at least that. dE: the mean colour difference (CIE 1976) of its pixels is at most that."""
+    """Bound on a frame's error: ``limit`` in ``unit``. mm: the ``quantile`` of the absolute depth error of a sweep's
+    beams is at most that; beams that hit something in the truth or in the render count, infinitely wrong where they do
+    in one alone. dB: an image's PSNR is at least that. dE: the mean colour difference (CIE 1976) of its pixels is at
+    most that."""
 
     unit: str
     limit: float
@@ -33,12 +34,12 @@ class ErrorBound:
 
     @property
     def most(self) -> float:
-        """The largest error that keeps the bound: in mm, as a mean squared error of colours in 0..1, as a
-        colour difference."""
+        """The largest error that keeps the bound: in mm, as a mean squared error of colours in 0..1, or as a colour
+        difference."""
         return 10 ** (-self.limit / 10) if self.unit == "dB" else self.limit
 
     def shown(self, error: float) -> float | None:
-        """Such an error in the bound's unit, four digits of it; None where it is infinite."""
+        """Return an error, as `most` counts it, in the bound's unit, to four digits; None where it is infinite."""
         value = -10 * math.log10(max(error, 1e-20)) if self.unit == "dB" else error
         return float(f"{value:.4g}") if math.isfinite(value) else None
 
@@ -50,7 +51,7 @@ class ErrorBound:
 
 @dataclass(frozen=True)
 class BoundCheck:
-    """A bound checked by a sample: the error's ``estimate``, and what it is at ``most``, as `ErrorBound.most`
+    """A bound checked by a sample: ``estimate`` of the error and its upper bound ``most``, both as `ErrorBound.most`
     counts."""
 
     bound: ErrorBound
@@ -59,7 +60,7 @@ class BoundCheck:
 
     @property
     def holds(self) -> bool:
-        """Whether the error is within the bound even then."""
+        """Whether the error's upper bound keeps the bound."""
         return self.most <= self.bound.most
 
 
@@ -74,11 +75,11 @@ class ErrorBoundResult:
 
     @property
     def holds(self) -> bool:
-        """Whether all bounds are."""
+        """Whether all bounds are kept."""
         return all(check.holds for check in self.checks)
 
     def to_json(self) -> dict[str, object]:
-        """As it stands in a manifest; errors in their bounds' units, null where they are infinite."""
+        """Return the JSON form of a manifest; errors in their bounds' units, null where they are infinite."""
         errors = {
             str(c.bound): {"estimate": c.bound.shown(c.estimate), "at_worst": c.bound.shown(c.most), "kept": c.holds}
             for c in self.checks
@@ -93,7 +94,7 @@ def sample_frames(time_s: Collection[int]) -> list[int]:
 
 
 def parse_bounds(texts: Sequence[str]) -> tuple[ErrorBound, ...]:
-    """Bounds as the command line writes them: "1mm", "p90:20mm", "40dB", "1.5dE". Raises `UnisimError`."""
+    """Return the bounds of texts of the command line: "1mm", "p90:20mm", "40dB", "1.5dE". Raises `UnisimError`."""
     bounds = []
     for text in texts:
         match = BOUND_PATTERN.fullmatch(text.strip())
@@ -111,17 +112,19 @@ def parse_bounds(texts: Sequence[str]) -> tuple[ErrorBound, ...]:
 
 
 def depth_errors(depth_m: NDArray[np.float32], truth_m: NDArray[np.float32]) -> FloatArray:
-    """Absolute errors in mm of depths (...), 0 where a ray hits nothing, as `ErrorBound` counts them: of those that
-    hit something in either (M,)."""
+    """Return absolute errors (M,), mm, of depths (...), metres, 0 where a ray hits nothing: of the rays that hit
+    something in either, infinite where they do in one alone."""
+    assert depth_m.shape == truth_m.shape, (depth_m.shape, truth_m.shape)
     a, b = (np.asarray(x, np.float64).reshape(-1) for x in (depth_m, truth_m))
     both, either = (a > 0) & (b > 0), (a > 0) | (b > 0)
     return np.where(both, np.abs(a - b) * 1e3, np.inf)[either]
 
 
 def quantile_check(bound: ErrorBound, errors: FloatArray) -> BoundCheck:
-    """Of a stratified or simple random sample of errors (M,): the quantile, and the order statistic that the frame's
-    quantile exceeds with a probability of at most DOUBT, whatever the errors' distribution (David & Nagaraja, "Order
-    Statistics", 7.1; Hoeffding 1956 for strata). None hit anything: no error."""
+    """Check a bound on a quantile by a stratified or simple random sample of errors (M,). The estimate is the sample's
+    quantile, the upper bound the order statistic that the frame's quantile exceeds with a probability of at most
+    `QUANTILE_ERROR_RATE`, whatever the errors' distribution (David & Nagaraja, "Order Statistics", 7.1; Hoeffding 1956
+    for strata). An empty sample has no error."""
     n = len(errors)
     if n == 0:
         return BoundCheck(bound, 0.0, 0.0)
@@ -132,7 +135,8 @@ def quantile_check(bound: ErrorBound, errors: FloatArray) -> BoundCheck:
 
 
 def quantile_rank(n: int, quantile: float) -> int:
-    """The smallest k with P(B >= k) <= DOUBT, where B is binomial (n, quantile); n + 1 where there is none."""
+    """Return the smallest k with P(B >= k) <= `QUANTILE_ERROR_RATE`, B binomial (n, quantile); n + 1 where there is
+    none."""
     k = np.arange(n + 1)
     steps = np.log(np.arange(1, n + 1))
     factorial = np.concatenate([[0.0], np.cumsum(steps)])
@@ -142,13 +146,13 @@ def quantile_rank(n: int, quantile: float) -> int:
 
 
 def mean_at_most(terms: FloatArray, deviations: float) -> float:
-    """Return an upper bound on the mean of such terms (N,): ``deviations`` standard errors above theirs."""
+    """Return an upper bound on the mean of terms (N,): ``deviations`` standard errors above the sample's mean."""
     return float(terms.mean() + deviations * terms.std(ddof=1) / math.sqrt(len(terms)))
 
 
 def drawn(weights: FloatArray, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Numbers (count,) of units, drawn in proportion to their weights (N,), one in each of as many equal
-    parts of their sum."""
+    """Draw the numbers (count,) of units in proportion to their weights (N,): one in each of ``count`` equal parts of
+    the weights' sum."""
     sums = np.cumsum(weights)
     places = (np.arange(count) + rng.random(count)) / count * sums[-1]
     return np.minimum(np.searchsorted(sums, places, side="right"), len(sums) - 1)

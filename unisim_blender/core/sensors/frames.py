@@ -19,7 +19,8 @@ FORMER_PASSES = {"support": "unsupported"}
 
 @dataclass
 class RenderStats:
-    """How much was computed: field samples spent, and the samples skipped beside a uniform march through the volume."""
+    """Counts of work: rays, field samples spent, samples saved relative to a uniform march through the volume, and
+    actors culled; and seconds by step."""
 
     rays: int = 0
     samples_spent: int = 0
@@ -61,7 +62,8 @@ class CameraFrame:
     error_bound: ErrorBoundResult | None = None
 
     def blank(self, shown: BoolArray) -> None:
-        """Make the frame black and empty where (H, W) its lens shows nothing; colours in place of the array that is there."""
+        """Make the frame black and empty where ``shown`` (H, W) is False; colours in place of the array that is
+        there."""
         self.rgb = np.where(shown[..., None], self.rgb, np.float32(0))
         if self.depth_m is not None:
             self.depth_m = np.where(shown, self.depth_m, np.float32(np.inf))

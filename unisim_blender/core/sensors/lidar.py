@@ -17,14 +17,14 @@ from .rays import Rays
 
 
 def column_azimuths(model: LidarModel) -> FloatArray:
-    """Azimuths (columns,) without the beams' offsets, radians."""
+    """Return azimuths (columns,) without the beams' offsets, radians."""
     if model.column_azimuth_rad is not None:
         return model.column_azimuth_rad
     return model.start_azimuth_rad + model.direction * 2 * np.pi * (np.arange(model.columns) + 0.5) / model.columns
 
 
 def beam_directions(model: LidarModel) -> FloatArray:
-    """Unit directions (beams, columns, 3) in the sensor's frame."""
+    """Return unit directions (beams, columns, 3) in the sensor's frame."""
     azimuth = column_azimuths(model)[None, :] + model.azimuth_offset_rad[:, None]
     elevation = np.broadcast_to(model.elevation_rad[:, None], azimuth.shape)
     cosine = np.cos(elevation)
@@ -32,7 +32,7 @@ def beam_directions(model: LidarModel) -> FloatArray:
 
 
 def column_times(lidar: Lidar, time_s: float) -> FloatArray:
-    """When each column of the sweep at ``time_s`` is fired (columns,), without the beams' own delays."""
+    """Return the time (columns,), seconds, of each column of the sweep at ``time_s``, without the beams' own delays."""
     model = lidar.model
     if model.column_time_s is not None:
         return time_s + model.time_offset_s + model.column_time_s
@@ -41,7 +41,7 @@ def column_times(lidar: Lidar, time_s: float) -> FloatArray:
 
 
 def lidar_rays(lidar: Lidar, time_s: float) -> Rays:
-    """Rays (beams, columns) of the sweep at ``time_s``, in the world frame."""
+    """Return rays (beams, columns) of the sweep at ``time_s``, world frame."""
     local = beam_directions(lidar.model_at(time_s))
     time = column_times(lidar, time_s)
     if lidar.model.beam_time_s is not None:
@@ -72,9 +72,10 @@ def sweep_frame(
     seed: Sequence[int] | None,
     stats: RenderStats,
 ) -> LidarFrame:
-    """Return the sweep of what its beams measure. Those return whose probability is 0.5 or more, or a number in (0, 1] that is
-    drawn with the seed."""
+    """Return the sweep of measurements of its rays (B, C). Beams return whose probability is 0.5 or more, or with a
+    seed, at least a number drawn from (0, 1]."""
     shape = rays.time_s.shape
+    assert all(values.shape == shape for values in measured), (shape, [values.shape for values in measured])
     least: FloatArray | float = 0.5 if seed is None else 1.0 - np.random.default_rng(seed).random(shape)
     depth, model = measured.depth_m, lidar.model
     returned = (measured.return_probability >= least) & (depth >= model.min_range_m) & (depth <= model.max_range_m)

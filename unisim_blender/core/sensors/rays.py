@@ -10,24 +10,25 @@ from ..geometry import BoolArray, FloatArray
 from ..world.drive import Camera, Lidar
 
 MAX_DISTANCE_M = 1e9
-"""Farther from the origin than this nothing is."""
+"""Largest distance of anything from the origin, metres."""
 
 
 def _aims(directions: FloatArray) -> BoolArray:
-    """Which of the directions (N, 3) are some: finite, and of a length near 1."""
+    """Return which directions (N, 3) are finite and of a length near 1: (N,) bool."""
     x, y, z = directions.T
     return np.abs(x * x + y * y + z * z - 1) < 0.5
 
 
 def sound_directions(directions: FloatArray) -> FloatArray:
-    """Directions (N, 3), straight up where they are none."""
+    """Return directions (N, 3), straight up where they are not finite or far from unit length."""
     aims = _aims(directions)
     return directions if aims.all() else np.where(aims[:, None], directions, (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
 class Rays:
-    """origins (..., 3) and unit directions (..., 3) in the world frame, time_s (...), float64."""
+    """Rays: origins (..., 3), metres, and unit directions (..., 3) in the world frame, time_s (...), seconds;
+    float64."""
 
     origins: FloatArray
     directions: FloatArray
@@ -53,12 +54,12 @@ class Rays:
 
 
 PAD_LINES = 4
-"""Cells of several pixels may reach so many rows or columns beyond an image's edge."""
+"""Number of rows or columns by which cells of several pixels may extend beyond an image's edge."""
 
 
 def exposure_window(sensor: Camera | Lidar, time_s: float) -> tuple[float, float]:
-    """Return from when to when, seconds, the rays of a sensor's frame at ``time_s`` leave; ``time_s``
-    itself lies within."""
+    """Return the first and the last time, seconds, at which rays of a sensor's frame at ``time_s`` leave; ``time_s``
+    lies between them."""
     if isinstance(sensor, Lidar):
         model = sensor.model
         first, last = time_s + model.time_offset_s - model.sweep_s, time_s + model.time_offset_s

@@ -12,11 +12,11 @@ from ..geometry import UNIT_BOX_CORNERS, BoolArray, FloatArray, invert_pose, tra
 from ..world.drive import CameraModel
 
 POINTS_PER_EDGE = 33
-"""Points by which an edge of a box is projected."""
+"""Number of points by which an edge of a box is projected."""
 MIN_DEPTH_M = 0.01
-"""Nothing that a pinhole shows lies nearer to its plane."""
+"""Smallest depth of what a pinhole shows, metres."""
 DOMAIN_DIRECTIONS = 180
-"""Directions at the edge of the valid domain at which it is asked whether they hit a box."""
+"""Number of directions at the edge of the valid domain that are intersected with a box."""
 _BOX_EDGES = [
     (a, b)
     for a in range(8)
@@ -26,7 +26,7 @@ _BOX_EDGES = [
 
 
 class Silhouette(NamedTuple):
-    """A rectangle in pixels about what a box covers of an image plane, which may reach beyond the image."""
+    """A rectangle, in pixels, around what a box covers of the image plane; it may extend beyond the image."""
 
     left: float
     top: float
@@ -35,7 +35,8 @@ class Silhouette(NamedTuple):
 
 
 def box_silhouette(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArray) -> Silhouette | None:
-    """Return a rectangle that holds all pixels whose rays hit a box, None where none does. Never too small.
+    """Return a rectangle that holds all pixels whose rays hit a box of edges ``size_m`` (3,) at ``camera_from_box`` (4,
+    4); None where none does. Never too small.
 
     The edge of what a box covers consists of projected edges of the box and, where it is cut, of the valid domain's edge.
     """
@@ -67,8 +68,8 @@ def box_silhouette(model: CameraModel, camera_from_box: FloatArray, size_m: Floa
 
 
 def covered(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArray) -> Silhouette | None:
-    """Return a rectangle that holds all pixels whose rays hit a box in one of its poses (K, 4, 4), None where none does.
-    Never too small; through a pinhole, tight."""
+    """Return a rectangle that holds all pixels whose rays hit a box of edges ``size_m`` (3,) in one of its poses
+    ``camera_from_box`` (K, 4, 4); None where none does. Never too small; through a pinhole, tight."""
     if not model.is_pinhole:
         parts = [box_silhouette(model, pose, size_m) for pose in camera_from_box]
         rectangles = [part for part in parts if part is not None]
@@ -91,8 +92,9 @@ def covered(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArray)
 
 
 def box_bounds(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArray) -> Silhouette | None:
-    """Return the rectangle about a box's projected edges, None where it projects nowhere: tight where the whole box lies in the
-    lens's valid domain, else that of `box_silhouette`."""
+    """Return the rectangle around the projected edges of a box of edges ``size_m`` (3,) at ``camera_from_box`` (4, 4);
+    None where it projects nowhere. Tight where the whole box lies in the lens's valid domain, else that of
+    `box_silhouette`."""
     corners = UNIT_BOX_CORNERS * np.asarray(size_m, float)
     part = np.linspace(0, 1, POINTS_PER_EDGE)[:, None]
     edges = np.concatenate([corners[a] + part * (corners[b] - corners[a]) for a, b in _BOX_EDGES])
@@ -103,7 +105,8 @@ def box_bounds(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArr
 
 
 def _gap(u: FloatArray, v: FloatArray) -> float:
-    """The largest distance of neighbours on lines (L, N): a line passes its points by half of that at most."""
+    """Return the largest distance between neighbours on lines (L, N): a line deviates from its points by at most half
+    of it."""
     apart = np.hypot(np.diff(u, axis=-1), np.diff(v, axis=-1))
     return float(apart[np.isfinite(apart)].max(initial=0.0))
 
@@ -111,7 +114,8 @@ def _gap(u: FloatArray, v: FloatArray) -> float:
 def _domain_edge(
     model: CameraModel, camera_from_box: FloatArray, size: FloatArray
 ) -> tuple[FloatArray, FloatArray, BoolArray, bool]:
-    """Points (N,) of the valid domain's edge, whether the box lies behind them, and whether it lies on the optical axis."""
+    """Return points u, v (N,) of the valid domain's edge, whether (N,) the box lies behind them, and whether it lies on
+    the optical axis."""
     angle = min(model.lens.max_angle_rad, math.radians(89.9) if model.is_pinhole else math.pi) * (1 - 1e-9)
     heading = np.linspace(0, 2 * np.pi, DOMAIN_DIRECTIONS, endpoint=False)
     sine = math.sin(angle)
@@ -128,8 +132,9 @@ def _domain_edge(
 
 @lru_cache(maxsize=64)
 def view_half_angle(model: CameraModel, pad_px: float) -> float:
-    """Return the half angle of a cone about the optical axis that holds all rays of an image with ``pad_px`` pixels more on every
-    side: the angle from the axis is largest on the image's border or at the edge of the valid domain."""
+    """Return the half angle, radians, of a cone around the optical axis that holds all rays of an image with ``pad_px``
+    pixels more on every side: the angle from the axis is largest on the image's border or at the valid domain's
+    edge."""
     across, down = np.linspace(-pad_px, model.width + pad_px, 257), np.linspace(-pad_px, model.height + pad_px, 257)
     ends_u, ends_v = (across[0], across[-1]), (down[0], down[-1])
     u = np.concatenate([across, across, np.full(257, ends_u[0]), np.full(257, ends_u[1])])
@@ -145,8 +150,8 @@ def view_half_angle(model: CameraModel, pad_px: float) -> float:
 
 
 def spheres_in_cone(centres: FloatArray, radii: FloatArray, half_angle: float) -> BoolArray:
-    """Return which spheres (...), centres (..., 3) in the camera's frame, touch a cone about the optical axis, which may be wider
-    than a half space."""
+    """Return which spheres of radii (...), centres (..., 3) in the camera's frame, touch a cone of ``half_angle``,
+    radians, around the optical axis, which may be wider than a half space: (...) bool."""
     distance = np.linalg.norm(centres, axis=-1)
     angle = np.arctan2(np.hypot(centres[..., 0], centres[..., 1]), centres[..., 2])
     reach = np.arcsin(np.clip(radii / np.maximum(distance, 1e-12), 0, 1))

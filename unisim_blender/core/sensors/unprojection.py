@@ -1,4 +1,4 @@
-"""Directions of pixels through a distorted lens, solved once for a camera and kept."""
+"""Directions of pixels through a distorted lens, solved once for a camera and cached."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from ..geometry import BoolArray, FloatArray
 from ..world.drive import CameraModel, RollingShutter
 
 MAX_TABLE_CELLS = 1 << 23
-"""Larger tables are not kept."""
+"""Largest number of cells of a table that is cached."""
 MAX_TABLES = 8
+"""Largest number of cached tables."""
 ROWS_PER_CHUNK = 64
 _tables: OrderedDict[tuple[CameraModel, int], FloatArray] = OrderedDict()
 
 
 def directions(model: CameraModel, u: FloatArray, v: FloatArray) -> FloatArray:
-    """Unit directions (..., 3) in the camera's frame through image points (u, v) (...), in pixels.
+    """Return unit directions (..., 3) in the camera's frame through image points u, v (...), pixels.
 
     Centres of cells of 1, 2, 4, ... pixels are looked up in the camera's table, other points are solved; both give the same bits.
     A point that the lens has no direction for gets one at the edge of the valid domain: see `has_direction`.
@@ -39,7 +40,8 @@ def directions(model: CameraModel, u: FloatArray, v: FloatArray) -> FloatArray:
 
 
 def has_direction(model: CameraModel, u: FloatArray, v: FloatArray) -> BoolArray:
-    """Whether the lens has directions for image points (u, v) (...): those outside of its valid domain show nothing."""
+    """Return whether the lens has directions for image points u, v (...), pixels: points outside of its valid domain
+    show nothing. (...) bool."""
     if model.is_pinhole:
         return np.ones(np.broadcast(u, v).shape, bool)
     return np.asarray(np.isfinite(model.unproject(u, v)[..., 2]))
@@ -47,7 +49,7 @@ def has_direction(model: CameraModel, u: FloatArray, v: FloatArray) -> BoolArray
 
 @lru_cache(maxsize=16)
 def image_mask(model: CameraModel) -> BoolArray | None:
-    """Pixels (H, W) that the lens has directions for; None where it has them for all."""
+    """Return the pixels (H, W) bool that the lens has directions for; None where it has them for all."""
     if model.is_pinhole:
         return None
     u = np.arange(model.width) + 0.5
@@ -58,7 +60,8 @@ def image_mask(model: CameraModel) -> BoolArray | None:
 
 
 def shows_something(model: CameraModel) -> bool:
-    """Whether the lens has a direction for some pixel: of an image beside its valid domain for none."""
+    """Return whether the lens has a direction for any pixel; it has none where the image lies beside its valid
+    domain."""
     if model.is_pinhole:
         return True
     # the domain lies about the optical axis: if any pixel, it holds the one nearest to it
@@ -69,7 +72,8 @@ def shows_something(model: CameraModel) -> bool:
 
 @lru_cache(maxsize=64)
 def least_pixels_per_rad(model: CameraModel) -> float:
-    """How many pixels a radian takes where an image is coarsest, along u or v; of a pinhole fx, at the optical axis."""
+    """Return the smallest number of pixels per radian in an image, along u or v; of a pinhole fx, at the optical
+    axis."""
     if model.is_pinhole:
         return model.fx
     v, u = np.meshgrid(np.linspace(0.5, model.height - 0.5, 65), np.linspace(0.5, model.width - 0.5, 65), indexing="ij")
@@ -83,7 +87,7 @@ def least_pixels_per_rad(model: CameraModel) -> float:
 
 
 def _step(u: FloatArray, v: FloatArray) -> int:
-    """The power of two of whose cells all points are centres, 0 where there is none."""
+    """Return the power of two of whose cells all points u, v (...) are centres; 0 where there is none."""
     if u.size == 0 or not np.isfinite(u.flat[0]) or not 0 < u.flat[0] < 1 << 20:
         return 0
     doubled = 2 * float(u.flat[0])

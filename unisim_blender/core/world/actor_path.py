@@ -1,5 +1,5 @@
-"""A recorded trajectory by arc length: where an actor goes, how fast it was there, and where it stood; and paths that leave a
-pose and come to another path, smooth in position and heading.
+"""Paths of actors by arc length: poses, recorded speeds and stops; and paths that lead from a pose to another path,
+smooth in position and heading.
 
 Arc length is measured in the world's plane. A path is linear in position and slerp in rotation between its keys, as the
 trajectory is, and goes straight on beyond its end."""
@@ -19,7 +19,8 @@ from ..geometry import BoolArray, FloatArray, Quaternion, Trajectory, Vector3, q
 from .polyline import Polyline, spaced
 
 MIN_KEY_DISTANCE_M = 0.2
-"""Keys nearer to each other than this are noise of labels: the way that they wander would be added to the path's length."""
+"""Smallest distance between keys, metres: nearer ones wander by the labels' noise, which would add to the path's
+length."""
 MIN_MOVING_LENGTH_M = 1.0
 """Shortest path of an actor that counts as moving, metres."""
 MIN_STOP_S = 1.0
@@ -27,11 +28,11 @@ MIN_STOP_S = 1.0
 STANDING_SPEED_M_S = 0.3
 """Speed below which an actor stands, metres per second."""
 SPEED_WINDOW_S = 0.25
-"""Recorded speeds are means over this time before and after: differences of single keys are mostly noise."""
+"""Time before and after, seconds, over which recorded speeds are means: differences of single keys are mostly noise."""
 STOP_TOLERANCE_M = 0.5
-"""A stop that lies no further back is still one to stand at."""
+"""Largest distance, metres, by which a stop may lie behind and still be stood at."""
 END_SLOPE_LENGTH_M = 20.0
-"""Beyond its end a path keeps the slope of this last part."""
+"""Length, metres, of the last part of a path, whose slope continues beyond the end."""
 MAX_SLOPE = 0.2
 _FAR_M = 1e6
 
@@ -103,7 +104,7 @@ class ActorPath:
 
     @cached_property
     def _gears(self) -> list[int]:
-        """For each part between two keys 1 where the box moves along its heading, -1 where it moves backward."""
+        """For each part between two keys: 1 where the box moves along its heading, -1 where it moves backward."""
         ahead = np.diff(self.positions[:, :2], axis=0)
         middle = (self.headings_rad[:-1] + self.headings_rad[1:]) / 2
         along = ahead[:, 0] * np.cos(middle) + ahead[:, 1] * np.sin(middle)
@@ -121,7 +122,7 @@ class ActorPath:
 
     @cached_property
     def _lists(self) -> tuple[list[float], list[list[float]], list[list[float]], list[float]]:
-        """The arrays as lists, which are faster to look one value up in."""
+        """The arrays as lists, in which a single value is looked up faster."""
         arrays = self.s_m, self.positions, self.quaternions_wxyz, self.speeds_m_s
         return tuple(array.tolist() for array in arrays)
 
@@ -146,11 +147,11 @@ class ActorPath:
 
     @property
     def keys(self) -> list[float]:
-        """The arc lengths as a list, in which one is found sooner."""
+        """The arc lengths as a list, which is faster to search."""
         return self._lists[0]
 
     def prepare(self) -> None:
-        """Work out what is asked for again and again."""
+        """Compute the cached properties."""
         _ = self.lines, self._lists, self._gears, self._schedule
 
     def place(self, s_m: float) -> tuple[Vector3, Quaternion]:
@@ -217,12 +218,13 @@ class ActorPath:
 
     @cached_property
     def _schedule(self) -> tuple[FloatArray, FloatArray]:
-        """When the recording came to its keys and left them, and their arc lengths."""
+        """Times at which the recording came to its keys and left them, and their arc lengths."""
         times = np.stack([self.arrivals_s, self.leaves_s], 1).ravel()
         return times, np.repeat(self.s_m[: len(self.arrivals_s)], 2)
 
     def project(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Return the arc length of the nearest place of the path, and how far left of it a point lies, in the plane."""
+        """Return the arc length of the place of the path nearest to the point (``x_m``, ``y_m``) of the world's plane,
+        and the distance by which the point lies to its left, metres."""
         projection = self._line.project(x_m, y_m)
         return projection.along_m, self._gears[min(projection.segment, len(self._gears) - 1)] * projection.left_m
 

@@ -15,7 +15,7 @@ from .drive import Camera, Drive, Lidar
 
 US_PER_SECOND = 1_000_000
 MAX_TIME_US = 10**13
-"""Bound of the absolute value of times."""
+"""Largest absolute value of times, microseconds."""
 _FRAME_NAME = re.compile(r"-?\d{1,18}")
 _TIME_NAME = re.compile(r"([nt])(\d{13})us")
 _SEED_SEPARATOR = 256

@@ -25,12 +25,12 @@ from ..lenses.lens import Lens, LensError
 EGO = "ego"
 """The ego vehicle, where it is named beside actors. No actor of a log has this identifier."""
 FRAME_MARGIN_S = 0.25
-"""No sensor of a frame measures further from the frame's time than this."""
+"""Largest time between a frame's time and a measurement of one of its sensors, seconds."""
 
 
 @dataclass(frozen=True)
 class RollingShutter:
-    """When an image's lines are exposed: line r of H at ``time + duration_s * (r / H - reference)``.
+    """Exposure times of an image's lines: line r of H is exposed at ``time + duration_s * (r / H - reference)``.
 
     ``axis`` says what a line is: one of the "rows", from the top, or of the "columns", from the left. ``reference`` is the
     fraction of the image that the camera's timestamp belongs to (0 the first line, 1 behind the last); a negative duration reads
@@ -69,7 +69,8 @@ class RollingShutter:
 
 @dataclass(frozen=True)
 class CameraModel:
-    """An image's size and how directions become pixels: the lens's plane, scaled by fx, fy (pixels) and moved by cx, cy.
+    """An image's size and its projection of directions to pixels: the lens's plane, scaled by fx, fy (pixels) and moved
+    by cx, cy.
 
     Pixel centres lie at half integers: pixel (0, 0) covers [0, 1) x [0, 1). Raises `LensError` where fx or fy is not above 0.
     """
@@ -109,12 +110,12 @@ class CameraModel:
 
     @cached_property
     def pixels_per_rad(self) -> float:
-        """How many pixels a radian takes at the optical axis, along u."""
+        """Number of pixels per radian at the optical axis, along u."""
         return self.fx * self.lens.axis_slope
 
     def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Return where points (..., 3) of the camera's frame are in the image, u and v (...) in pixels, inside it or not; and
-        where they lie in the lens's valid domain: elsewhere u and v are NaN."""
+        """Return the image points u, v (...), pixels, of points (..., 3) of the camera's frame, inside the image or
+        not; and whether (...) they lie in the lens's valid domain: elsewhere u and v are NaN."""
         if self.is_pinhole:
             x, y, z = points[..., 0], points[..., 1], points[..., 2]
             valid = z > 0
@@ -124,8 +125,8 @@ class CameraModel:
         return self.fx * plane[..., 0] + self.cx, self.fy * plane[..., 1] + self.cy, valid
 
     def unproject(self, u: FloatArray, v: FloatArray) -> FloatArray:
-        """Return unit directions (..., 3) of the camera's frame through image points u, v (...) in pixels; NaN where the lens has
-        none. `sensors.unprojection` keeps them for whole images."""
+        """Return unit directions (..., 3) of the camera's frame through image points u, v (...) in pixels; NaN where
+        the lens has none. `sensors.unprojection` caches them for whole images."""
         x, y = np.broadcast_arrays((u - self.cx) / self.fx, (v - self.cy) / self.fy)
         return self.lens.unproject(np.stack([x, y], -1))
 
@@ -142,7 +143,7 @@ class CameraModel:
 
 
 MAX_LIDAR_CELLS = 1 << 23
-"""Beams x columns of a LiDAR. One of 128 beams and 36 000 columns has half as many."""
+"""Largest number of cells, beams x columns, of a LiDAR. One of 128 beams and 36 000 columns has half as many."""
 
 
 @dataclass(frozen=True)
@@ -153,10 +154,10 @@ class LidarModel:
     azimuth_offset_rad[b]`` (0 along the sensor's x, counter-clockwise), at ``frame time - sweep_s + time_offset_s + sweep_s *
     (c + 0.5) / columns``: by default a sweep ends at its frame's time. Beam 0 is the highest.
 
-    Columns that are not even have tables: ``column_azimuth_rad`` (columns,) in place of the even azimuths, in the order of
-    ``direction``, and ``column_time_s`` (columns,), seconds after the frame's time plus ``time_offset_s``, in place of the even
-    times. ``beam_time_s`` (beams,) is how long after its column's time a beam is fired. Raises ValueError for a table of another
-    length or order, and for more than MOST_CELLS beams x columns.
+    Columns that are not even have tables: ``column_azimuth_rad`` (columns,) in place of the even azimuths, in the order
+    of ``direction``, and ``column_time_s`` (columns,), seconds after the frame's time plus ``time_offset_s``, in place
+    of the even times. ``beam_time_s`` (beams,) is how long after its column's time a beam is fired. Raises ValueError
+    for a table of another length or order, and for more than `MAX_LIDAR_CELLS` beams x columns.
     """
 
     elevation_rad: FloatArray
@@ -196,8 +197,8 @@ class LidarModel:
 
 @dataclass(frozen=True)
 class Readouts:
-    """How long images take to be read out where a camera's differ: ``stretch`` (K,) times the model's ``shutter.duration_s`` for
-    those stamped ``times_s`` (K,), increasing; linear between them and constant beyond."""
+    """Readout times of a camera's images where these differ: ``stretch`` (K,) times the model's ``shutter.duration_s``
+    for images stamped ``times_s`` (K,), increasing; linear between them and constant beyond."""
 
     times_s: FloatArray
     stretch: FloatArray
@@ -240,17 +241,17 @@ class Camera:
 
 @dataclass(frozen=True)
 class SpinPhase:
-    """How far the columns of a sweep are turned beside the beam table's, where turns and sweeps do not keep step.
+    """Rotation of a sweep's columns relative to the beam table's, where a LiDAR's turns and sweeps are not synchronous.
 
-    ``turned_rad`` (K,) of the sweeps stamped ``times_s`` (K,), increasing; linear between them and constant beyond. It does not
-    wrap: a phase that goes on turning goes on growing.
+    ``turned_rad`` (K,), radians, of the sweeps stamped ``times_s`` (K,), seconds, increasing; linear between them and
+    constant beyond. It does not wrap: a phase that goes on turning goes on growing.
     """
 
     times_s: FloatArray
     turned_rad: FloatArray
 
     def at(self, time_s: float) -> float:
-        """Return by how much the columns of the sweep at ``time_s`` are turned, radians."""
+        """Return the rotation of the columns of the sweep at ``time_s``, radians."""
         return float(np.interp(time_s, self.times_s, self.turned_rad))
 
 
@@ -284,8 +285,8 @@ class Lidar:
 
 @dataclass(frozen=True)
 class Appearance:
-    """Where an actor's appearance and shape come from: actor ``actor`` of the trained scene in folder ``scene`` ("" is
-    the drive's own scene), or the mesh in file ``mesh``, if it is given."""
+    """Source of an actor's appearance and shape: actor ``actor`` of the trained scene in folder ``scene`` ("" is the
+    drive's own scene), or the mesh in file ``mesh``, if it is given."""
 
     actor: str
     scene: str = ""
@@ -294,7 +295,8 @@ class Appearance:
 
 @dataclass(frozen=True)
 class Actor:
-    """An annotated object, moving or not: a box with an appearance, present from start_s to end_s (both included).
+    """An annotated object, moving or not: a box of edges ``size_m`` (3,), metres, with an appearance, present from
+    start_s to end_s (both included).
 
     ``is_ego_body``: it is a mesh fixed to the ego vehicle, which only sensors with ``sees_ego_body`` see.
     """
@@ -323,7 +325,7 @@ class Actor:
         return self.scale != (1.0, 1.0, 1.0)
 
     def visible_to(self, sensor: Camera | Lidar) -> bool:
-        """Return whether a sensor can see it at all."""
+        """Return whether a sensor can see the actor: ego bodies are seen by sensors with ``sees_ego_body`` alone."""
         return sensor.sees_ego_body or not self.is_ego_body
 
     def present(self, time_s: FloatArray | float) -> BoolArray:

@@ -33,7 +33,7 @@ from .drive import (
 
 LIDAR_NUMBERS = ("sweep_s", "start_azimuth_rad", "time_offset_s", "min_range_m", "max_range_m")
 LIDAR_TABLES = ("column_azimuth_rad", "column_time_s", "beam_time_s")
-"""Those that a table of even columns lacks."""
+"""Members that a table of even columns lacks."""
 
 
 def lidar_model_to_json(model: LidarModel) -> dict[str, Any]:
@@ -119,7 +119,7 @@ def read_readouts(node: Node) -> Readouts | None:
 
 
 def drive_to_json(drive: Drive) -> dict[str, Any]:
-    """The drive as a JSON object. Two drives are equal to the bit exactly where their JSON is."""
+    """Return the drive as a JSON object. Two drives are equal to the bit exactly where their JSON is."""
     return {
         "name": drive.name,
         "world_origin": drive.world_origin.tolist(),
@@ -142,7 +142,7 @@ def drive_to_json(drive: Drive) -> dict[str, Any]:
 
 
 def trajectory_to_json(trajectory: Trajectory) -> dict[str, Any]:
-    """The keys as they stand, float64 to the bit."""
+    """Return the keys of a trajectory, float64 to the bit."""
     return {
         "times_s": trajectory.times_s.tolist(),
         "positions": trajectory.positions.tolist(),

@@ -31,7 +31,7 @@ _HEAD = struct.Struct("<3sBI")
 
 
 class EncodingError(UnisimError):
-    """Text that is no encoding of what it should be."""
+    """Text that is not a valid encoding."""
 
 
 def encode_state(state: WorldState) -> str:
@@ -58,7 +58,7 @@ def encode_state(state: WorldState) -> str:
 
 
 def decode_state(text: str) -> WorldState:
-    """Return the state that a text was made of. Raises `EncodingError`."""
+    """Return the state that a text encodes. Raises `EncodingError`."""
     header, numbers = _unpacked(text, "state")
     try:
         start_s, end_s = numbers.take(2).tolist()
@@ -75,8 +75,8 @@ def decode_state(text: str) -> WorldState:
 
 
 def encode_sensor(sensor: Camera | Lidar, start_s: float, end_s: float) -> str:
-    """Return a sensor as text, with what of its trajectory the window of an exposure needs; it has no
-    frames of a log."""
+    """Return a sensor as text, with the keys of its trajectory for an exposure from ``start_s`` to ``end_s``, seconds,
+    and without frames of a log."""
     if isinstance(sensor, Camera):
         trajectory = sensor.world_from_camera.between(start_s, end_s)
         header: dict[str, Any] = {"kind": "camera", "model": sensor.model.to_dict(), "full_width": sensor.full_width}
@@ -109,7 +109,7 @@ def encode_sensor(sensor: Camera | Lidar, start_s: float, end_s: float) -> str:
 
 
 def decode_sensor(text: str) -> Camera | Lidar:
-    """Return the sensor that a text was made of. Raises `EncodingError`."""
+    """Return the sensor that a text encodes. Raises `EncodingError`."""
     header, numbers = _unpacked(text, "camera", "lidar")
     try:
         trajectory = numbers.trajectory(header["keys"])

@@ -1,4 +1,4 @@
-"""Sensors with rates of their own: images and sweeps that no frame of the drive has.
+"""Sensors with rates of their own: images and sweeps between the frames of the drive.
 
 A sensor's ``time_s`` numbers its captures. Those with the number of a frame of the drive are that frame's; all others, with
 numbers that no frame has, lie between frames, and belong to the frame that is nearest in time: with it they are trained on or
@@ -53,5 +53,5 @@ def captures_of(time_s: Mapping[int, float], drive: Drive, frames: Sequence[int]
 
 
 def _nearest(of: FloatArray, among: FloatArray) -> NDArray[np.int64]:
-    """Index (N,) of the nearest of increasing numbers (M,)."""
+    """Return the index (N,) of the nearest of increasing numbers ``among`` (M,)."""
     return np.asarray(np.searchsorted((among[1:] + among[:-1]) / 2, of))

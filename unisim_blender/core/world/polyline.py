@@ -17,8 +17,9 @@ ALONG_WEIGHT = 0.1
 
 
 class Projection(NamedTuple):
-    """The nearest place of a polyline to a point: its arc length, how far left of the segment there the point lies, and how far
-    from it, which is more at corners and ends; metres. ``segment`` counts from that before the first point, if there is one."""
+    """The place of a polyline that is nearest to a point, metres: its arc length, the point's distance to the left of
+    the segment there, and its distance from the place, which is larger at corners and ends. ``segment`` counts from
+    that before the first point, if there is one."""
 
     along_m: float
     left_m: float
@@ -70,7 +71,8 @@ class Polyline:
         return starts[:, 0].copy(), starts[:, 1].copy(), units[:, 0].copy(), units[:, 1].copy(), arcs, lows, highs
 
     def project(self, x_m: float, y_m: float, near_m: float | None = None) -> Projection:
-        """Return where a point is. With ``near_m``, of several parts that pass there the one near that arc length is taken."""
+        """Return the projection of the point (``x_m``, ``y_m``). With ``near_m``, of several parts that pass there the
+        one near that arc length is taken."""
         x, y, dx, dy, arcs, lows, highs = self._segments
         to_x, to_y = x_m - x, y_m - y
         on = np.clip(to_x * dx + to_y * dy, lows, highs)
@@ -86,7 +88,7 @@ class Polyline:
         return Projection(float(along[i]), left, math.sqrt(float(squared[i])), i)
 
     def follow(self, points: FloatArray, near_m: float) -> tuple[FloatArray, FloatArray]:
-        """Return where points (T, 2) that follow each other are: arc lengths (T,), and distances (T,), left positive.
+        """Return the arc lengths (T,) and the distances (T,), left positive, of consecutive points (T, 2), metres.
 
         The first is looked for near an arc length, each other one near the one before: a polyline that crosses itself is
         followed and not jumped along.
@@ -98,7 +100,7 @@ class Polyline:
         return along, across
 
     def distances(self, points: FloatArray) -> FloatArray:
-        """Return the distances (K,) of points (K, 2)."""
+        """Return the distances (K,), metres, of points (K, 2)."""
         x, y, dx, dy, _, lows, highs = self._segments
         to_x, to_y = points[:, :1] - x, points[:, 1:] - y
         on = np.clip(to_x * dx + to_y * dy, lows, highs)

@@ -88,7 +88,7 @@ searched one by one."""
 @dataclass(frozen=True)
 class PaddedKeys:
     """Trajectory keys of A actors, padded to K: times_s (A, K), inf where there is none; positions (A, K, 3), world
-    frame; quaternions_wxyz (A, K, 4); lengths (A,), how many keys each has."""
+    frame; quaternions_wxyz (A, K, 4); lengths (A,), the number of keys of each."""
 
     times_s: FloatArray
     positions: FloatArray
@@ -111,13 +111,13 @@ class PaddedKeys:
         return PaddedKeys(times, positions, quaternions, lengths)
 
     def positions_at(self, times_s: FloatArray) -> FloatArray:
-        """Return where the actors are (A, T, 3) at times (T,): `Trajectory.positions_at` of each."""
+        """Return the actors' positions (A, T, 3), world frame, at times (T,): `Trajectory.positions_at` of each."""
         row, lower, upper, u = self._between(times_s)
         start = self.positions[row, lower]
         return np.asarray(start + u[..., None] * (self.positions[row, upper] - start))
 
     def quaternions_at(self, times_s: FloatArray) -> FloatArray:
-        """Return how the actors are turned, quaternions wxyz (A, T, 4), at times (T,)."""
+        """Return the actors' rotations, quaternions wxyz (A, T, 4), at times (T,)."""
         row, lower, upper, u = self._between(times_s)
         return slerp(self.quaternions_wxyz[row, lower], self.quaternions_wxyz[row, upper], u)
 
