@@ -9,6 +9,7 @@ import numpy as np
 from helpers import drawn, imported, select
 
 from unisim_blender.bridge.objects.imported import source_of
+from unisim_blender.editing.motion.braking import Approach
 from unisim_blender.editing.motion.retiming import followed_briefly
 from unisim_blender.editing.sampled.clock import Clock
 
@@ -26,7 +27,7 @@ def test_operators_report_them(street: Any, capfd: Any) -> None:
     street.frame_set(2)
     assert bpy.ops.unisim.follow_curve(speed_m_s=10.0) == {"FINISHED"}
     said = capfd.readouterr().out
-    assert f"Info: {one.name}: 20.0 m in 2.00 s (20.0 frames); the log ends at 1.90 s\n" in said
+    assert f"Info: {one.name}: 20.0 m in 4.47 s (44.7 frames); the log ends at 1.90 s\n" in said
     select(one)
     for mode, text in (
         ("DELAY", "0.50 s (5.0 frames) later"),
@@ -43,4 +44,4 @@ def test_operators_report_them(street: Any, capfd: Any) -> None:
 
 
 def test_a_report_has_room_in_the_status_bar() -> None:
-    assert len(followed_briefly(1234.5, 0.1, 0.0, CLOCK)) <= STATUS_CHARACTERS
+    assert len(followed_briefly(Approach(1234.5, 0.1, 2.0), 0.0, CLOCK)) <= STATUS_CHARACTERS

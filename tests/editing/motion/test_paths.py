@@ -1,4 +1,4 @@
-"""Trajectories along a drawn line, standing still, keys shifted along a path, and times of handles."""
+"""Trajectories along a drawn line, keys shifted along a path, and times of handles."""
 
 from __future__ import annotations
 
@@ -8,17 +8,15 @@ import pytest
 from unisim_blender.core.geometry import matrix_from_quaternion, quaternion_from_yaw
 from unisim_blender.editing.motion.keys import (
     HANDLE_LIMIT,
-    TrajectoryKeys,
     along_line,
     handle_times,
     shifted_keys,
-    standing_still,
 )
 
 
 def test_along_a_straight_line() -> None:
     line = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 10.0, 1.0]])  # a point twice
-    lengths, positions, quaternions = along_line(line, 3.0, 1.5)
+    lengths, positions, quaternions = along_line(line, np.array([0.0, 3.0, 6.0, 9.0, 10.0]), 1.5)
     assert lengths == pytest.approx([0.0, 3.0, 6.0, 9.0, 10.0])
     assert positions == pytest.approx(np.stack([np.zeros(5), lengths, np.full(5, 1.75)], -1))
     axes = matrix_from_quaternion(quaternions)
@@ -28,20 +26,11 @@ def test_along_a_straight_line() -> None:
 
 def test_up_a_slope_its_underside_is_on_the_line() -> None:
     line = np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 3.0]])
-    _, positions, quaternions = along_line(line, 1.0, 2.0)
+    _, positions, quaternions = along_line(line, np.arange(6.0), 2.0)
     axes = matrix_from_quaternion(quaternions)
     under = positions - axes[:, :, 2] * 1.0
     assert np.linalg.norm(np.cross(under, line[1] / 5), axis=1) == pytest.approx(np.zeros(len(under)), abs=1e-9)
     assert axes[:, 2, 1] == pytest.approx(np.zeros(len(under))), "its left side is level"
-
-
-def test_standing_still() -> None:
-    frames = np.arange(5.0)
-    keys = TrajectoryKeys(frames, np.stack([2 * frames, 0 * frames, 0 * frames], -1), quaternion_from_yaw(0 * frames))
-    found = standing_still(keys, 1.5, 4.5, frames + 3.0)
-    assert found.frames.tolist() == [0.0, 1.0, 1.5, 4.5, 5.0, 6.0, 7.0]
-    assert found.positions[:, 0].tolist() == [0.0, 2.0, 3.0, 3.0, 4.0, 6.0, 8.0]
-    assert np.linalg.norm(found.quaternions, axis=1) == pytest.approx(np.ones(7))
 
 
 def test_keys_shifted_along_a_path_follow_its_turns() -> None:

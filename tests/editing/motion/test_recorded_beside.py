@@ -105,12 +105,12 @@ def test_a_comparison_is_kept_until_the_motion_changes(source: DriveSource) -> N
 
 
 def test_classes(source: DriveSource) -> None:
-    assert label_of("EGO", "", "", source.drive) == EGO_LABEL
+    assert label_of("EGO", "", "", "", source.drive) == EGO_LABEL
     assert (
-        label_of("ACTOR", "cone-1", "", source.drive) == "Cones"
-        and label_of("ACTOR", "cone-1", "Van", source.drive) == "Van"
+        label_of("ACTOR", "cone-1", "", "", source.drive) == "Cones"
+        and label_of("ACTOR", "cone-1", "", "Van", source.drive) == "Van"
     )
-    assert label_of("ACTOR", "nobody", "", source.drive) == ""
+    assert label_of("ACTOR", "nobody", "", "", source.drive) == ""
 
 
 def line(speed_m_s: float, seconds: float = 2.5) -> tuple[FloatArray, Clock]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from unisim_blender.editing.motion.braking import Approach
 from unisim_blender.editing.motion.retiming import duration, followed, instant, stretched
 from unisim_blender.editing.sampled.clock import Clock
 
@@ -16,12 +17,11 @@ def test_seconds_have_frames_beside_them() -> None:
 
 
 def test_following_a_curve() -> None:
-    lines = followed(40.0, 8.0, 0.5, CLOCK)
-    assert lines == ["40.0 m take 5.00 s (50.0 frames)", "From 0.50 s (frame 5.0) to 5.50 s (frame 55.0)"]
-    assert followed(40.0, 8.0, 6.0, CLOCK)[2:] == [
-        "The log ends at 8.00 s (frame 80.0)",
-        "24.0 m before the curve's end",
-    ]
+    way = Approach(40.0, 8.0, 2.0)
+    lines = followed(way, 0.5, CLOCK)
+    assert lines == ["40.0 m take 7.00 s (70.0 frames)", "From 0.50 s (frame 5.0) to 7.50 s (frame 75.0)"]
+    assert followed(way, 6.0, CLOCK)[2:] == ["The log ends at 8.00 s (frame 80.0)", "24.0 m before the curve's end"]
+    assert followed(Approach(9.0, 8.0, 2.0), 0.0, CLOCK)[2:] == ["At 6.0 m/s, to stop at the end"]
 
 
 def test_stretching() -> None:

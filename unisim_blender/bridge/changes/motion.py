@@ -7,8 +7,9 @@ from collections.abc import Callable, Sequence
 import bpy
 import numpy as np
 
-from ...core.geometry import FloatArray, matrix_from_quaternion
-from ...editing.motion.keys import TrajectoryKeys, along_line, is_path, shifted_keys, standing_still
+from ...core.geometry import FloatArray, matrix_from_quaternion, quaternion_from_matrix
+from ...editing.motion.braking import Approach, Stop, braked, stopped_keys
+from ...editing.motion.keys import TrajectoryKeys, along_line, is_path, shifted_keys
 from ...editing.motion.retiming import later_or_earlier
 from ...editing.sampled.clock import Clock
 from ...editing.texts import Text, series
@@ -53,17 +54,19 @@ def moved_to(obj: bpy.types.Object, place: Sequence[float], frame: float) -> Non
     write_keys(above, frames, positions + apart, quaternions)
 
 
-def follow(obj: bpy.types.Object, line: FloatArray, frame: float, speed_m_s: float, clock: Clock) -> None:
-    """Put an object on a trajectory along a line (P, 3) from ``frame`` on, its front ahead and its
-    underside on the line.
-
-    The speed is that in the log's seconds, whatever Blender's frame rate.
-    """
-    start_s = float(clock.time_s(np.array(frame)))
-    lengths, positions, quaternions = along_line(line, speed_m_s / clock.rate, float(size_of(obj)[2]))
+def follow(obj: bpy.types.Object, line: FloatArray, start_s: float, way: Approach, clock: Clock) -> None:
+    """Put an object on a trajectory along a line (P, 3) from a time of the log on, its front ahead and its
+    underside on the line. At the line's end it stands."""
+    times = np.append(np.arange(0.0, way.duration_s, 1 / clock.rate), way.duration_s + np.array([0.0, 1 / clock.rate]))
+    _, positions, quaternions = along_line(line, way.lengths(times), float(size_of(obj)[2]))
     above = own_trajectory(obj) or ride(obj)
     settle_on(obj)
-    write_keys(above, clock.frame(start_s + lengths / speed_m_s), positions, quaternions)
+    write_keys(above, clock.frame(start_s + times), positions, quaternions)
+
+
+def move_along(obj: bpy.types.Object, poses: FloatArray, clock: Clock) -> None:
+    """Put an object on a trajectory of poses (N, 4, 4) at the clock's frames."""
+    write_keys(ride(obj), clock.frames, poses[:, :3, 3], quaternion_from_matrix(poses[:, :3, :3]))
 
 
 def retimed(obj: bpy.types.Object, at: Callable[[FloatArray], FloatArray], path: str = "") -> None:
@@ -87,32 +90,31 @@ def _moved(curve: bpy.types.FCurve, at: Callable[[FloatArray], FloatArray]) -> N
     curve.update()
 
 
-def _hold_value(curve: bpy.types.FCurve, frame: float, at: Callable[[FloatArray], FloatArray]) -> None:
-    """Hold a curve's value at ``frame`` until ``at`` that frame, and move what comes after it."""
-    value, after = curve.evaluate(frame), float(at(np.array(frame)))
-    _moved(curve, lambda old: np.where(old > frame, at(old), old))
-    first = curve.keyframe_points.insert(frame, value)
-    first.interpolation = "LINEAR"
-    curve.keyframe_points.insert(after, value)
+def _hold_value(curve: bpy.types.FCurve, stop: Stop, clock: Clock) -> None:
+    """Hold a curve's value while its object stands, and move what comes after the stop."""
+    first, last = clock.frame(np.array(stop.stands_s))
+    value = curve.evaluate(float(clock.frame(stop.earlier(np.array(stop.stands_s[0])))))
+    _moved(curve, lambda frames: clock.frame(stop.later(clock.time_s(frames))))
+    curve.keyframe_points.insert(first, value).interpolation = "LINEAR"
+    curve.keyframe_points.insert(last, value)
     curve.update()
 
 
-def stopped(obj: bpy.types.Object, frame: float, seconds: float, clock: Clock) -> None:
-    """Let an object stand still from ``frame`` on for some seconds of the log, and then go on as before."""
-
-    def later(frames: FloatArray) -> FloatArray:
-        return clock.frame(clock.time_s(frames) + seconds)
-
+def stopped(
+    obj: bpy.types.Object, start_s: float, seconds: float, braking_m_s2: float, start_m_s2: float, clock: Clock
+) -> None:
+    """Let an object brake from a time of the log on, stand for some seconds, speed up and go on as before."""
     above = own_trajectory(obj) or obj
     keys = keys_of(above)
     if keys is None:
         return
-    retimed(obj, lambda old: np.where(old > frame, later(old), old), "hide_viewport")
+    stop = braked(TrajectoryKeys(*keys), start_s, seconds, braking_m_s2, start_m_s2, clock)
+    retimed(obj, lambda frames: clock.frame(stop.later(clock.time_s(frames))), "hide_viewport")
     if above is not obj:  # what displaces it from its trajectory stands still with it
         for curve in curves_of(obj):
             if curve.data_path != "hide_viewport":
-                _hold_value(curve, frame, later)
-    write_keys(above, *standing_still(TrajectoryKeys(*keys), frame, float(later(np.array(frame))), later(keys[0])))
+                _hold_value(curve, stop, clock)
+    write_keys(above, *stopped_keys(TrajectoryKeys(*keys), stop, clock))
 
 
 def shift(obj: bpy.types.Object, left_m: float, ahead_m: float, later_s: float, clock: Clock) -> str:

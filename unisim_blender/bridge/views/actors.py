@@ -21,6 +21,7 @@ from ...editing.actors.table import (
     steps_of,
 )
 from ...editing.motion.kinematics import label_of
+from ...editing.motion.placement import Neighbour
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import UNIT, differs
 from ..objects.animation import keyed_values, shown_by_keys
@@ -32,7 +33,7 @@ from ..objects.trajectories import keyed_pose, trajectory_of
 def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock, original: bool) -> ActorTrack:
     """Return an actor's track; ``original`` tells whether the object stands for the recorded actor and is no copy."""
     poses, there = poses_of(obj, clock.frames), there_of(obj, clock.frames)
-    label = label_of("ACTOR", obj.unisim.look or obj.unisim.uid, look_scene_of(obj), obj.unisim.label, drive)
+    label = class_of(obj, drive)
     return ActorTrack(
         obj.name, obj.unisim.uid, label, group_of(label), poses[:, :3, 3], there, steps_of(there, clock),
         is_edited(obj, drive, clock, poses, there, original),
@@ -71,6 +72,27 @@ def there_of(obj: bpy.types.Object, frames: FloatArray) -> BoolArray:
     return shown_by_keys(obj, frames) & (not obj.hide_render)
 
 
+def neighbours(scene: bpy.types.Scene, new: bpy.types.Object, drive: Drive, clock: Clock) -> list[Neighbour]:
+    """Return the actors of a scene beside a new one."""
+    actors = [obj for obj in imported_objects(scene, "ACTOR") if obj != new and not obj.hide_render]
+    return [
+        Neighbour(poses_of(obj, clock.frames), there_of(obj, clock.frames), class_of(obj, drive), size_of(obj))
+        for obj in actors
+    ]
+
+
+def ego_poses(scene: bpy.types.Scene, drive: Drive, clock: Clock) -> FloatArray:
+    """Return the ego vehicle's poses (N, 4, 4), those that were recorded where it was deleted."""
+    ego = next(imported_objects(scene, "EGO"), None)
+    return drive.world_from_ego.at(clock.times_s) if ego is None else poses_of(ego, clock.frames)
+
+
+def class_of(obj: bpy.types.Object, drive: Drive) -> str:
+    """Return an actor's class."""
+    about = obj.unisim
+    return label_of("ACTOR", about.look or about.uid, look_scene_of(obj), about.label, drive)
+
+
 def card_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> ActorCard:
     """Return the card of an actor at the frame that is shown."""
     clock = Clock.of(drive)
@@ -79,7 +101,7 @@ def card_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> Acto
     moved = keyed_pose(obj, float(after))[:3, 3] - keyed_pose(obj, float(before))[:3, 3]
     ego = next(imported_objects(scene, "EGO"), None)
     apart = 0.0 if ego is None else (obj.matrix_world.translation - ego.matrix_world.translation).length
-    label = label_of("ACTOR", obj.unisim.look or obj.unisim.uid, look_scene_of(obj), obj.unisim.label, drive)
+    label = class_of(obj, drive)
     return ActorCard(
         obj.name, label, role_of(scene, obj, drive), float(np.linalg.norm(moved)) / (2 * HALF_S), apart,
         present_span(shown_by_keys(obj, clock.frames), clock), size_of_card(obj),

@@ -1,4 +1,4 @@
-"""Keys of trajectories: along a drawn line, standing still for a while, shifted along their own path by arc length (so
+"""Keys of trajectories: along a drawn line, shifted along their own path by arc length (so
 that what turns is shifted round the turn), dense enough that Blender's interpolation gives the recorded motion, and
 dragged by handles in a view."""
 
@@ -22,16 +22,15 @@ class TrajectoryKeys(NamedTuple):
     quaternions: FloatArray
 
 
-def along_line(line: FloatArray, step_m: float, height_m: float) -> TrajectoryKeys:
-    """Return a trajectory along a line (P, 3) with a key every ``step_m``, for a box of a height whose
+def along_line(line: FloatArray, at: FloatArray, height_m: float) -> TrajectoryKeys:
+    """Return a trajectory along a line (P, 3) with keys at arc lengths (K,) in metres, for a box of a height whose
     underside is on the line.
 
-    ``frames`` are arc lengths in metres. The front is ahead, the left side level.
+    ``frames`` are the arc lengths. The front is ahead, the left side level.
     """
     apart = np.linalg.norm(np.diff(line, axis=0), axis=1)
     line = line[np.concatenate([[True], apart > 1e-6])]
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    at = np.append(np.arange(0.0, along[-1], step_m), along[-1])
     positions = np.stack([np.interp(at, along, column) for column in line.T], -1)
     reach = min(1.0, along[-1] / 4)
     ahead = np.stack([np.interp(at + reach, along, c) - np.interp(at - reach, along, c) for c in line.T], -1)
@@ -42,19 +41,15 @@ def along_line(line: FloatArray, step_m: float, height_m: float) -> TrajectoryKe
     return TrajectoryKeys(at, positions + up * height_m / 2, quaternion_from_matrix(np.stack([ahead, left, up], -1)))
 
 
-def standing_still(keys: TrajectoryKeys, frame: float, until: float, later: FloatArray) -> TrajectoryKeys:
-    """Return keys (K) that stand still from ``frame`` to ``until``, and then go on: ``later`` are the frames (K,) of
-    the keys as they come then. What is before ``frame`` stays."""
-    frames, positions, quaternions = keys
-    here = np.array([np.interp(frame, frames, column) for column in positions.T])
-    turn = np.array([np.interp(frame, frames, column) for column in quaternions.T])
-    turn /= np.linalg.norm(turn)
-    early, late = frames < frame, frames > frame
-    return TrajectoryKeys(
-        np.concatenate([frames[early], [frame, until], later[late]]),
-        np.concatenate([positions[early], [here, here], positions[late]]),
-        np.concatenate([quaternions[early], [turn, turn], quaternions[late]]),
-    )
+def extended(at_s: FloatArray, times_s: FloatArray, positions: FloatArray) -> FloatArray:
+    """Return places (N, 3) at times (N,) of a trajectory, keys at times (K,) and positions (K, 3): straight on beyond its
+    ends."""
+    inside = np.stack([np.interp(at_s, times_s, column) for column in positions.T], -1)
+    if len(times_s) < 2:
+        return inside
+    first, last = np.diff(positions[:2], axis=0) / (times_s[1] - times_s[0]), positions[-1] - positions[-2]
+    before, after = np.minimum(at_s - times_s[0], 0.0)[:, None], np.maximum(at_s - times_s[-1], 0.0)[:, None]
+    return np.asarray(inside + before * first + after * last / (times_s[-1] - times_s[-2]))
 
 
 TURN_RAD = 0.02

@@ -11,6 +11,7 @@ import numpy as np
 from ...core.geometry import FloatArray
 from ..sampled.clock import Clock
 from ..texts import Text
+from .braking import Approach
 
 
 def instant(time_s: float, clock: Clock) -> str:
@@ -36,17 +37,18 @@ def later_or_earlier(seconds: float, clock: Clock) -> str:
     return Text("{duration} later" if seconds >= 0 else "{duration} earlier", duration=duration(abs(seconds), clock))
 
 
-def followed(length_m: float, speed_m_s: float, start_s: float, clock: Clock) -> list[str]:
+def followed(way: Approach, start_s: float, clock: Clock) -> list[str]:
     """Return what following a curve comes to, in lines: how long it takes, from when to when, and where the
     log ends before."""
-    takes = length_m / speed_m_s
-    lines: list[str] = [
-        Text("{length:.1f} m take {duration}", length=length_m, duration=duration(takes, clock)),
-        span(start_s, start_s + takes, clock),
-    ]
     end_s = float(clock.times_s[-1])
-    if start_s + takes > end_s + 1e-6:
-        left_m = length_m - max(end_s - start_s, 0.0) * speed_m_s
+    lines: list[str] = [
+        Text("{length:.1f} m take {duration}", length=way.length_m, duration=duration(way.duration_s, clock)),
+        span(start_s, start_s + way.duration_s, clock),
+    ]
+    if way.top_m_s < way.speed_m_s:
+        lines.append(Text("At {speed:.1f} m/s, to stop at the end", speed=way.top_m_s))
+    if start_s + way.duration_s > end_s + 1e-6:
+        left_m = way.length_m - float(way.lengths(np.array(max(end_s - start_s, 0.0))))
         lines += [
             Text("The log ends at {time}", time=instant(end_s, clock)),
             Text("{length:.1f} m before the curve's end", length=left_m),
@@ -54,11 +56,11 @@ def followed(length_m: float, speed_m_s: float, start_s: float, clock: Clock) ->
     return lines
 
 
-def followed_briefly(length_m: float, speed_m_s: float, start_s: float, clock: Clock) -> str:
+def followed_briefly(way: Approach, start_s: float, clock: Clock) -> str:
     """Return what following a curve comes to, short enough for the status bar."""
-    takes, ends_s = length_m / speed_m_s, float(clock.times_s[-1])
-    whole = Text("{length:.1f} m in {duration}", length=length_m, duration=duration(takes, clock))
-    if start_s + takes <= ends_s + 1e-6:
+    ends_s = float(clock.times_s[-1])
+    whole = Text("{length:.1f} m in {duration}", length=way.length_m, duration=duration(way.duration_s, clock))
+    if start_s + way.duration_s <= ends_s + 1e-6:
         return whole
     return Text("{whole}; the log ends at {time:.2f} s", whole=whole, time=ends_s)
 
@@ -76,8 +78,9 @@ def stretched(first_s: float, last_s: float, speed: float, clock: Clock) -> list
 
 @dataclass(frozen=True)
 class Retiming:
-    """A change of times. ``mode`` is DELAY: all is later by ``seconds``; SPEED: from now on ``speed`` times as fast;
-    STOP: it stands for ``seconds`` from now on; STRETCH: from ``first_s`` to ``last_s`` ``speed`` times as fast.
+    """A change of times. ``mode`` is DELAY: all is later by ``seconds``; SPEED: from ``first_s`` on ``speed`` times as
+    fast; STOP: it brakes from ``first_s`` on and stands for ``seconds``; STRETCH: from ``first_s`` to ``last_s``
+    ``speed`` times as fast.
 
     Times are the log's, in seconds.
     """
@@ -88,41 +91,41 @@ class Retiming:
     first_s: float
     last_s: float
 
-    def lines(self, now_s: float, clock: Clock) -> list[str]:
+    def lines(self, clock: Clock) -> list[str]:
         """Return what the change comes to, in seconds and in frames."""
         if self.mode == "STRETCH":
             return stretched(self.first_s, self.last_s, self.speed, clock)
         if self.mode == "SPEED":
             return [
-                Text("From {time} on", time=instant(now_s, clock)),
+                Text("From {time} on", time=instant(self.first_s, clock)),
                 Text("1 s becomes {duration}", duration=duration(1 / self.speed, clock)),
             ]
         if self.mode == "STOP":
-            stands = abs(self.seconds)
-            return [Text("Stands for {duration}", duration=duration(stands, clock)), span(now_s, now_s + stands, clock)]
+            stands = Text("Stands for {duration}", duration=duration(abs(self.seconds), clock))
+            return [Text("Brakes from {time} on", time=instant(self.first_s, clock)), stands]
         return [later_or_earlier(self.seconds, clock)]
 
-    def summary(self, now_s: float, clock: Clock) -> str:
+    def summary(self, clock: Clock) -> str:
         """Return what the change comes to, in one line that the status bar has room for."""
         if self.mode == "STRETCH":
             whole = duration(self.last_s - self.first_s, clock)
             return Text("speed x{speed:.3g} for {duration}", speed=self.speed, duration=whole)
         if self.mode == "SPEED":
-            return Text("speed x{speed:.3g} from {time} on", speed=self.speed, time=instant(now_s, clock))
+            return Text("speed x{speed:.3g} from {time} on", speed=self.speed, time=instant(self.first_s, clock))
         if self.mode == "STOP":
             return Text("stands for {duration}", duration=duration(abs(self.seconds), clock))
-        return self.lines(now_s, clock)[0]
+        return self.lines(clock)[0]
 
-    def frames_from(self, now_s: float, clock: Clock) -> Callable[[FloatArray], FloatArray]:
+    def frames(self, clock: Clock) -> Callable[[FloatArray], FloatArray]:
         """Return the function that takes keys' frames to their new frames; STOP has none, as it adds keys."""
-        change = self._times_from(now_s)
+        change = self._times()
         return lambda frames: clock.frame(change(clock.time_s(frames)))
 
-    def _times_from(self, now_s: float) -> Callable[[FloatArray], FloatArray]:
+    def _times(self) -> Callable[[FloatArray], FloatArray]:
         if self.mode == "DELAY":
             return lambda old: old + self.seconds
         if self.mode == "SPEED":
-            return lambda old: np.where(old > now_s, now_s + (old - now_s) / self.speed, old)
+            return lambda old: np.where(old > self.first_s, self.first_s + (old - self.first_s) / self.speed, old)
         first, last = self.first_s, self.last_s
         longer = (last - first) * (1 / self.speed - 1)
         return lambda old: old + longer * np.clip((old - first) / (last - first), 0, 1)

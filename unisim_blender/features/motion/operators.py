@@ -1,32 +1,106 @@
 """Trajectories of actors: along a curve, on the ground, retimed, shifted."""
 
+from typing import Any
+
 import bpy
 import numpy as np
 from bpy.props import EnumProperty, FloatProperty
 
 from ...bridge.changes.motion import displaced_along, follow, retimed, shift, stopped
-from ...bridge.objects.imported import source_of
+from ...bridge.objects.imported import look_scene_of, source_of
 from ...bridge.objects.meshes import size_of
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.window import allowed, chosen, counted_names, object_mode, refresh, selected
 from ...core.errors import UnisimError
+from ...core.world.drive import Drive
+from ...editing.motion.braking import Approach, Habits, habits_of
+from ...editing.motion.kinematics import describe, label_of
 from ...editing.motion.plausibility import ground_height
 from ...editing.motion.retiming import Retiming, followed, followed_briefly, later_or_earlier
 from ...editing.sampled.clock import Clock
-from ...editing.texts import series
+from ...editing.texts import UPPER, cased, series
 from ...translations import localized, message
 from ..operator_bases import Needing, reporting
 
+BRAKING = (
+    ("COMFORTABLE", "Comfortable", "As actors of this class brake ordinarily"),
+    ("EMERGENCY", "Emergency", "As hard as actors of this class can brake"),
+    ("CUSTOM", "Custom", "At a given deceleration"),
+)
 
-class UNISIM_OT_follow_curve(bpy.types.Operator):
-    """Move the selected actors along the selected curve at a constant speed, from the current frame on"""
+
+class FromTime:
+    """Base of operators that begin at a time of the log: the current frame's, unless it is given."""
+
+    first_s: FloatProperty(
+        name="From",
+        description="Start time, in seconds of the log",
+        default=0.0,
+        unit="TIME_ABSOLUTE",
+        options={"SKIP_SAVE"},
+    )
+
+    def start_at(self: Any, scene: bpy.types.Scene, clock: Clock) -> None:
+        """Keep the current frame's time, so that the operator done again does the same, whichever frame is shown."""
+        if not self.properties.is_property_set("first_s"):
+            self.first_s = float(clock.time_s(np.array(frame_of(scene))))
+
+    def start_s(self: Any, clock: Clock) -> float:
+        """Return the time; that of a frame exactly, where it is a frame's."""
+        frame = float(clock.frame(np.array(self.first_s)))
+        return float(clock.time_s(np.array(round(frame)))) if abs(frame - round(frame)) < 1e-3 else self.first_s
+
+
+class Braking:
+    """Base of operators that let actors brake."""
+
+    braking: EnumProperty(name="Braking", description="How hard the actor brakes", items=BRAKING)
+    deceleration_m_s2: FloatProperty(
+        name="Deceleration",
+        description="Deceleration while it brakes",
+        default=2.0,
+        min=0.1,
+        soft_max=10.0,
+        unit="ACCELERATION",
+    )
+
+    def deceleration_of(self: Any, habits: Habits) -> float:
+        """Return the deceleration of an actor."""
+        if self.braking == "CUSTOM":
+            return float(self.deceleration_m_s2)
+        return habits.emergency_m_s2 if self.braking == "EMERGENCY" else habits.comfortable_m_s2
+
+    def draw_braking(self: Any, habits: Habits) -> None:
+        """Draw how hard the active actor brakes."""
+        self.layout.prop(self, "braking")
+        if self.braking == "CUSTOM":
+            self.layout.prop(self, "deceleration_m_s2")
+        else:
+            said = cased(describe("acceleration_m_s2", -self.deceleration_of(habits)), UPPER)
+            self.layout.label(text=localized(said), translate=False)
+
+
+def actor_habits(obj: bpy.types.Object, drive: Drive) -> Habits:
+    """Return how an actor of its class moves."""
+    about = obj.unisim
+    return habits_of(label_of(about.kind, about.look or about.uid, look_scene_of(obj), about.label, drive))
+
+
+class UNISIM_OT_follow_curve(FromTime, Braking, bpy.types.Operator):
+    """Move the selected actors along the selected curve, from a time on, and stop them at its end"""
 
     bl_idname = "unisim.follow_curve"
     bl_label = "Follow Curve"
     bl_options = {"REGISTER", "UNDO"}
 
     speed_m_s: FloatProperty(
-        name="Speed", description="Speed along the curve", default=8.0, min=0.1, soft_max=40.0, unit="VELOCITY"
+        name="Speed",
+        description="Speed along the curve, until it brakes to stop at the end",
+        default=8.0,
+        min=0.1,
+        soft_max=40.0,
+        unit="VELOCITY",
+        options={"SKIP_SAVE"},
     )
     length_m: FloatProperty(
         name="Length", description="Length of the curve", unit="LENGTH", options={"HIDDEN", "SKIP_SAVE"}
@@ -40,15 +114,21 @@ class UNISIM_OT_follow_curve(bpy.types.Operator):
         return allowed(cls, object_mode(context), selected("Select an actor first", "ACTOR")(context), curve)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the speed, and how long the curve takes at it in seconds and frames."""
+        """Draw the settings, and how long the curve takes in seconds and frames."""
+        self.layout.prop(self, "first_s")
         self.layout.prop(self, "speed_m_s")
         try:
-            clock = Clock.of(source_of(context.scene).drive)
+            drive = source_of(context.scene).drive
         except (UnisimError, OSError):
             return
-        start_s = float(clock.time_s(np.array(frame_of(context.scene))))
-        for line in followed(self.length_m, self.speed_m_s, start_s, clock):
+        habits, clock = actor_habits(chosen(context, "ACTOR")[0], drive), Clock.of(drive)
+        self.draw_braking(habits)
+        for line in followed(self.way(habits), self.start_s(clock), clock):
             self.layout.label(text=localized(line), translate=False)
+
+    def way(self, habits: Habits) -> Approach:
+        """Return the way of an actor along the curve."""
+        return Approach(self.length_m, self.speed_m_s, self.deceleration_of(habits))
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -58,16 +138,18 @@ class UNISIM_OT_follow_curve(bpy.types.Operator):
         mesh = evaluated.to_mesh()
         line = np.array([curve.matrix_world @ vertex.co for vertex in mesh.vertices], float)
         evaluated.to_mesh_clear()
-        if len(line) < 2:
-            raise UnisimError(message('curve "{name}" has fewer than two points', name=curve.name))
-        clock = Clock.of(source_of(context.scene).drive)
-        actors = chosen(context, "ACTOR")
-        for obj in actors:
-            follow(obj, line, frame_of(context.scene), self.speed_m_s, clock)
-        refresh(actors)
         self.length_m = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
-        start_s = float(clock.time_s(np.array(frame_of(context.scene))))
-        done = followed_briefly(self.length_m, self.speed_m_s, start_s, clock)
+        if len(line) < 2 or self.length_m == 0:
+            raise UnisimError(message('curve "{name}" has fewer than two points', name=curve.name))
+        drive, actors = source_of(context.scene).drive, chosen(context, "ACTOR")
+        clock, habits = Clock.of(drive), [actor_habits(obj, drive) for obj in actors]
+        self.start_at(context.scene, clock)
+        if not self.properties.is_property_set("speed_m_s"):
+            self.speed_m_s = min(each.speed_m_s for each in habits)
+        for obj, each in zip(actors, habits, strict=True):
+            follow(obj, line, self.start_s(clock), self.way(each), clock)
+        refresh(actors)
+        done = followed_briefly(self.way(habits[0]), self.start_s(clock), clock)
         self.report({"INFO"}, localized(series([counted_names(actors), done], ": ")))
         return {"FINISHED"}
 
@@ -98,14 +180,19 @@ class UNISIM_OT_snap_to_ground(Needing, bpy.types.Operator):
 
 MODES = (
     ("DELAY", "Delay", "Delay the whole trajectory"),
-    ("SPEED", "Speed", "Change the speed from the current frame on"),
-    ("STOP", "Stop and go", "Stop at the current frame, then continue"),
+    ("SPEED", "Speed", "Change the speed from a time on"),
+    ("STOP", "Stop and go", "Brake from a time on, stand, then continue"),
     ("STRETCH", "Stretch", "Change the speed between two times; later keyframes shift accordingly"),
 )
-NEEDED = {"DELAY": ("seconds",), "SPEED": ("speed",), "STOP": ("seconds",), "STRETCH": ("first_s", "last_s", "speed")}
+NEEDED = {
+    "DELAY": ("seconds",),
+    "SPEED": ("first_s", "speed"),
+    "STOP": ("first_s", "seconds"),
+    "STRETCH": ("first_s", "last_s", "speed"),
+}
 
 
-class UNISIM_OT_retime_actor(Needing, bpy.types.Operator):
+class UNISIM_OT_retime_actor(FromTime, Braking, Needing, bpy.types.Operator):
     """Change when the selected actors are where on their trajectories"""
 
     bl_idname = "unisim.retime_actor"
@@ -121,10 +208,13 @@ class UNISIM_OT_retime_actor(Needing, bpy.types.Operator):
         unit="TIME_ABSOLUTE",
     )
     speed: FloatProperty(name="Speed", description="Factor of the original speed", default=0.5, min=0.01, soft_max=4.0)
-    first_s: FloatProperty(
-        name="From", description="Start time, in seconds of the log", default=0.0, unit="TIME_ABSOLUTE"
+    last_s: FloatProperty(
+        name="To",
+        description="End time, in seconds of the log",
+        default=2.0,
+        unit="TIME_ABSOLUTE",
+        options={"SKIP_SAVE"},
     )
-    last_s: FloatProperty(name="To", description="End time, in seconds of the log", default=2.0, unit="TIME_ABSOLUTE")
 
     def draw(self, context: bpy.types.Context) -> None:
         """Show what the chosen mode needs, in seconds and in frames."""
@@ -132,33 +222,41 @@ class UNISIM_OT_retime_actor(Needing, bpy.types.Operator):
         for name in NEEDED[self.mode]:
             self.layout.prop(self, name)
         try:
-            clock = Clock.of(source_of(context.scene).drive)
+            drive = source_of(context.scene).drive
         except (UnisimError, OSError):
             return
-        for line in self.retiming().lines(float(clock.time_s(np.array(frame_of(context.scene)))), clock):
+        if self.mode == "STOP":
+            self.draw_braking(actor_habits(chosen(context, "ACTOR")[0], drive))
+        for line in self.retiming(Clock.of(drive)).lines(Clock.of(drive)):
             self.layout.label(text=localized(line), translate=False)
 
-    def retiming(self) -> Retiming:
+    def retiming(self, clock: Clock) -> Retiming:
         """Return the change as it is set."""
-        return Retiming(self.mode, self.seconds, self.speed, self.first_s, self.last_s)
+        return Retiming(self.mode, self.seconds, self.speed, self.start_s(clock), self.last_s)
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Move keys."""
+        drive, actors = source_of(context.scene).drive, chosen(context, "ACTOR")
+        clock = Clock.of(drive)
+        self.start_at(context.scene, clock)
+        if not self.properties.is_property_set("last_s"):
+            self.last_s = self.first_s + 2.0
+        retiming = self.retiming(clock)
         if self.mode == "STRETCH" and self.first_s >= self.last_s:
             raise UnisimError(
                 message("From ({first:g} s) must be earlier than To ({last:g} s)", first=self.first_s, last=self.last_s)
             )
-        clock = Clock.of(source_of(context.scene).drive)
-        now, actors, retiming = frame_of(context.scene), chosen(context, "ACTOR"), self.retiming()
-        now_s = float(clock.time_s(np.array(now)))
         for obj in actors:
             if self.mode == "STOP":
-                stopped(obj, now, abs(self.seconds), clock)
+                habits = actor_habits(obj, drive)
+                hard = self.deceleration_of(habits)
+                gently = min(hard, habits.comfortable_m_s2)
+                stopped(obj, retiming.first_s, abs(self.seconds), hard, gently, clock)
             else:
-                retimed(obj, retiming.frames_from(now_s, clock))
+                retimed(obj, retiming.frames(clock))
         refresh(actors)
-        self.report({"INFO"}, localized(series([counted_names(actors), retiming.summary(now_s, clock)], ": ")))
+        self.report({"INFO"}, localized(series([counted_names(actors), retiming.summary(clock)], ": ")))
         return {"FINISHED"}
 
 
