@@ -20,12 +20,11 @@ from ...editing.actors.table import (
     size_words,
     steps_of,
 )
-from ...editing.motion.kinematics import label_of
 from ...editing.motion.placement import Neighbour
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import UNIT, differs
 from ..objects.animation import keyed_values, shown_by_keys
-from ..objects.imported import imported_objects, is_copy, look_scene_of
+from ..objects.imported import class_of, imported_objects, is_copy
 from ..objects.meshes import scale_of, size_of
 from ..objects.trajectories import keyed_pose, trajectory_of
 
@@ -85,12 +84,6 @@ def ego_poses(scene: bpy.types.Scene, drive: Drive, clock: Clock) -> FloatArray:
     """Return the ego vehicle's poses (N, 4, 4), those that were recorded where it was deleted."""
     ego = next(imported_objects(scene, "EGO"), None)
     return drive.world_from_ego.at(clock.times_s) if ego is None else poses_of(ego, clock.frames)
-
-
-def class_of(obj: bpy.types.Object, drive: Drive) -> str:
-    """Return an actor's class."""
-    about = obj.unisim
-    return label_of("ACTOR", about.look or about.uid, look_scene_of(obj), about.label, drive)
 
 
 def card_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> ActorCard:
