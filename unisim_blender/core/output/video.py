@@ -40,7 +40,8 @@ def playback(times_s: Sequence[float], least_hz: float = 0.0) -> tuple[float, li
 
 
 def write_video(images: Iterable[Path | NDArray[np.uint8]], path: Path, frames_per_second: float) -> None:
-    """Write images of one size, PNG files or arrays (H, W, 3), as H.264 in MP4; an odd last row or column is cut off.
+    """Write images of one size, PNG files or arrays (H, W, 3) uint8 sRGB, as H.264 in MP4; an odd last row or column is
+    cut.
 
     Raises `OutputError`.
     """
@@ -89,7 +90,7 @@ def _encoder(path: Path, size: tuple[int, int], frames_per_second: float) -> sub
 
 
 def _frames_of(path: Path) -> int:
-    """How many frames of a film can be read: ffmpeg's writer does not tell whether it could write them."""
+    """Return the number of frames of a film that can be read: ffmpeg's writer does not report whether it wrote them."""
     untyped: Any = imageio_ffmpeg.count_frames_and_secs
     try:
         return int(untyped(str(path))[0])
