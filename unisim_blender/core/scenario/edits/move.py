@@ -35,7 +35,7 @@ class Move(Edit):
         check_path(self, place)
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """The drive with the actor on another path; it is there when it was, unless the edit says when."""
+        """Return the drive with the actor on another path; it is there when it was, unless the edit says when."""
         actor = current(drive, self.actor, f"{place}.actor", context)
         trajectory = context.trajectory(self.pose, self.trajectory, self.outside, place)
         start, end = (actor.start_s, actor.end_s) if self.present is None else context.presence(self.present, place)
