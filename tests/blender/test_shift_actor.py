@@ -136,7 +136,7 @@ def test_the_scenario_says_what_was_shifted(street: Any, tmp_path: Path, left_m:
         return
     (edit,) = scenario.edits
     assert isinstance(edit, Move) and edit.trajectory is None and edit.pose is None
-    assert (edit.offset_m, edit.later_s) == ((0.0, left_m, 0.0) if left_m else None, later_s or None)
+    assert (edit.offset_m, edit.later_s) == ((0.0, left_m, 0.0), later_s or None)
     path = tmp_path / "scenario.json"
     assert bpy.ops.unisim.export_scenario(filepath=str(path)) == {"FINISHED"}
     before = edited(street)

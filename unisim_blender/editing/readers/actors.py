@@ -218,8 +218,8 @@ def shift_of(context: ActorEditContext) -> Move | None:
     later_s = round(later_s, LATER_DIGITS) if abs(later_s) > SAME_LATER_S else 0.0
     base = actor.world_from_actor.at(clock.times_s - later_s)
     offset = np.median((invert_pose(base) @ obj.poses)[obj.there, :3, 3], axis=0)
-    offset = vector(np.round(offset, OFFSET_DIGITS) + 0.0) if np.abs(offset).max() > SAME_M else None
-    if offset is None and not later_s:
+    offset = vector(np.round(offset, OFFSET_DIGITS) + 0.0) if np.abs(offset).max() > SAME_M else (0.0, 0.0, 0.0)
+    if not any(offset) and not later_s:
         return None
     after = shifted(actor, offset, later_s)
     poses, there = after.world_from_actor.at(clock.times_s), obj.there

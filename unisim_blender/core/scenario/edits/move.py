@@ -57,7 +57,7 @@ class Move(Edit):
 
 def shifted(actor: Actor, offset_m: Vector3 | None, later_s: float) -> Actor:
     """Return an actor displaced along its own axes and delayed: where it is and when it is present."""
-    trajectory = beside(actor.world_from_actor, offset_m, None, None)
+    trajectory = beside(actor.world_from_actor, offset_m if offset_m and any(offset_m) else None, None, None)
     if later_s:
         trajectory = retimed(trajectory, TimeMap(np.array([later_s]), np.zeros(1)))
     start, end = actor.start_s + later_s, actor.end_s + later_s
