@@ -107,7 +107,7 @@ def copied_in_place(scene: Any) -> None:
 
 def inserted(scene: Any) -> None:
     scene.cursor.location = (12.0, 6.0, 0.0)
-    bpy.ops.unisim.insert_actor(filepath=str(SAMPLE / "scene" / "scene.json"), actor="car-13")
+    bpy.ops.unisim.insert_actor(filepath=str(SAMPLE / "scene" / "scene.json"), actor="car-13", where="CURSOR")
 
 
 def mesh(scene: Any) -> None:

@@ -9,15 +9,19 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import SAMPLE, calls, imported, read, select
+from helpers import SAMPLE, calls, driving_car, imported, read, select
 
-from unisim_blender.bridge.objects.animation import curves_of
+from unisim_blender.bridge.objects.animation import curves_of, keys_of, write_keys
 from unisim_blender.bridge.objects.imported import imported_objects, source_of
-from unisim_blender.bridge.objects.trajectories import keyed_pose
+from unisim_blender.bridge.objects.trajectories import keyed_pose, trajectory_of
 from unisim_blender.bridge.views import actors
-from unisim_blender.bridge.views.actors import poses_of
-from unisim_blender.editing.actors.table import Entry
+from unisim_blender.bridge.views.actors import card_of, poses_of
+from unisim_blender.bridge.views.trails import compared_now
+from unisim_blender.editing.actors.table import Entry, speed_text
+from unisim_blender.editing.layout.speed_graph import values
+from unisim_blender.editing.motion.kinematics import Limits
 from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.texts import kmh
 from unisim_blender.features.actor_list import listing
 from unisim_blender.features.actor_list.operators import GROUPS, ORDERS
 from unisim_blender.features.actor_list.panel import UNISIM_UL_actors
@@ -226,3 +230,22 @@ def test_a_log_that_is_gone_leaves_an_empty_list(street: Any) -> None:
     table = listing.refresh_now(street)
     assert not table.entries and "/nowhere/log" in table.problem
     street.unisim.scene = str(SAMPLE / "scene")
+
+
+def test_card_list_and_graph_say_the_same_speed(street: Any) -> None:
+    """Keys between the frames, and noise of annotations: each place where a speed stands has one and the same."""
+    one = driving_car(street)
+    above, noise = trajectory_of(one), np.random.default_rng(3)
+    frames, positions, quaternions = keys_of(above)
+    every = np.arange(frames[0], frames[-1], 0.5)
+    places = np.stack([np.interp(every, frames, column) for column in positions.T], -1)
+    turns = np.tile(quaternions[:1], (len(every), 1))
+    write_keys(above, every, places + noise.normal(0.0, 0.1, places.shape), turns)
+    drive = source_of(street).drive
+    graph = compared_now(one, drive, Clock.of(drive), Limits())
+    for frame in (0, 7, 13, 19):
+        street.frame_set(frame)
+        entry = listing.refresh_now(street).entries[one.session_uid]
+        card = card_of(street, one, drive)
+        assert card.speed_m_s == pytest.approx(entry.speed_m_s, abs=1e-4)
+        assert kmh(card.speed_m_s) == f"{speed_text(entry)} km/h" == values(graph, frame)[1][0]

@@ -32,7 +32,7 @@ def test_operators_report_them(street: Any, capfd: Any) -> None:
     for mode, text in (
         ("DELAY", "0.50 s (5.0 frames) later"),
         ("STOP", "stands for 0.50 s (5.0 frames)"),
-        ("SPEED", "speed x0.5 from 0.20 s (frame 2.0) on"),
+        ("SPEED", "speed x0.5 from 0.20 s (frame 2) on"),
         ("STRETCH", "speed x0.5 for 2.00 s (20.0 frames)"),
     ):
         bpy.ops.unisim.retime_actor(mode=mode)

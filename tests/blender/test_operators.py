@@ -49,7 +49,9 @@ def test_replacing_a_look_keeps_the_ground(street: Any) -> None:
 def test_inserting_from_another_scene(street: Any) -> None:
     street.cursor.location = (25.0, 3.0, 0.0)
     uid = of_class(street, "Car", False)
-    assert bpy.ops.unisim.insert_actor(filepath=str(SAMPLE / "scene" / "scene.json"), actor=uid) == {"FINISHED"}
+    assert bpy.ops.unisim.insert_actor(filepath=str(SAMPLE / "scene" / "scene.json"), actor=uid, where="CURSOR") == {
+        "FINISHED"
+    }
     (edit,) = read(street).edits
     assert isinstance(edit, Insert) and edit.actor == uid and edit.pose is not None
     actor = edited(street).actors[edit.id]
@@ -71,6 +73,29 @@ def test_other_scenes_are_offered_where_their_actors_can_be_shown(street: Any) -
     assert bpy.ops.unisim.insert_from.poll()
     street.unisim.scene = ""
     assert not bpy.ops.unisim.insert_from.poll()
+
+
+@pytest.mark.parametrize("frame", [0, 19])
+@pytest.mark.parametrize("word", ["Car", "Cone"])
+def test_an_inserted_actor_is_in_front_of_the_ego_on_its_path(street: Any, word: str, frame: int) -> None:
+    """Whatever the frame, Check has nothing against it, and it meets neither the ego nor another actor."""
+    street.frame_set(frame)
+    uid = next(uid for uid, actor in sorted(source_of(street).drive.actors.items()) if word in actor.label)
+    assert bpy.ops.unisim.insert_actor(actor=uid) == {"FINISHED"}
+    obj, drive = bpy.context.active_object, source_of(street).drive
+    (edit,) = read(street).edits
+    new = edited(street).actors[edit.id].world_from_actor
+    ego = drive.world_from_ego.at(drive.time_s[frame])
+    ahead, left, _ = (np.linalg.inv(ego) @ new.at(drive.time_s[frame]))[:3, 3]
+    assert 8.0 < ahead < 60.0 and abs(left) < 6.5
+    times = np.array(list(drive.time_s.values()))
+    apart = np.linalg.norm(new.at(times)[:, :2, 3] - drive.world_from_ego.at(times)[:, :2, 3], axis=1)
+    assert apart.min() > 1.5
+    assert bpy.ops.unisim.check() == {"FINISHED"}
+    assert [(one.name, one.text) for one in street.unisim_check.warnings] == []
+    if word == "Car":
+        assert abs(left) < 1.0 and np.ptp(apart) < 1.0, "at the ego's speed"
+        assert obj.parent is not None
 
 
 @pytest.mark.parametrize("fps", [10, 30])

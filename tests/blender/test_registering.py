@@ -2,9 +2,42 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
+import sys
+from importlib.metadata import packages_distributions, requires
+from pathlib import Path
 from typing import Any
 
 import bpy
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
+from build_extension import COMPILED, PURE  # noqa: E402
+
+IMPORT_ADDON = """
+import sys
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {names!r}:
+            raise ModuleNotFoundError(f"{{name}} is not in Blender", name=name)
+sys.meta_path.insert(0, Blocked())
+import unisim_blender.addon
+"""
+
+
+def test_it_is_imported_with_what_blender_and_the_extension_have() -> None:
+    """Blender's Python has numpy and what its own add-ons need; the extension brings wheels of its own."""
+    names = ["numpy", "bpy", "unisim_blender", *PURE, *COMPILED, *(requires("bpy") or ())]
+    there = {re.split(r"[^\w.-]", name)[0].split("==")[0].lower().replace("_", "-") for name in names}
+    blocked = {
+        package
+        for package, distributions in packages_distributions().items()
+        if not there & {name.lower().replace("_", "-") for name in distributions}
+    }
+    assert {"imageio_ffmpeg", "torch", "scipy", "safetensors"} <= blocked and not {"numpy", "PIL", "click"} & blocked
+    program = IMPORT_ADDON.format(names=tuple(blocked))
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 def test_ten_times_leaves_nothing(addon: Any) -> None:

@@ -14,6 +14,7 @@ from unisim_blender.bridge.changes.motion import displaced_along
 from unisim_blender.bridge.objects.animation import curves_of, write_keys
 from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
+from unisim_blender.bridge.sampling.edit_list import read_now
 from unisim_blender.core.geometry import FloatArray, invert_pose, quaternion_from_yaw
 from unisim_blender.core.scenario.edits import Move
 
@@ -90,7 +91,7 @@ def test_what_stands_still_moves_along_its_axis(street: Any, capfd: Any) -> None
     apart = np.linalg.inv(before) @ np.array(one.matrix_world, float)
     assert apart[:3, 3] == pytest.approx([2.0, 1.0, 0.0], abs=1e-4)
     said = capfd.readouterr().out
-    assert "along its own axis, as it stands still" in said and "at the same times" in said
+    assert "2.00 m forward (it stands still)" in said and "at the same times" in said
 
 
 def test_a_copy_that_is_shifted_leaves_its_source_alone(street: Any) -> None:
@@ -144,3 +145,19 @@ def test_the_scenario_says_what_was_shifted(street: Any, tmp_path: Path, left_m:
     assert bpy.ops.unisim.import_scenario(filepath=str(path)) == {"FINISHED"}
     assert read(bpy.context.scene).edits == (edit,)
     assert_alike(before, edited(bpy.context.scene))
+
+
+def test_what_has_no_front_is_shifted_copied_and_told_as_the_ego_sees_it(street: Any) -> None:
+    """Annotations turn cones as they like: left is the ego's left."""
+    uid = next(uid for uid, one in sorted(source_of(street).drive.actors.items()) if "Cone" in one.label)
+    one, drive = imported(street, "ACTOR", uid), source_of(street).drive
+    select(one)
+    assert bpy.ops.unisim.shift_actor(left_m=1.5, ahead_m=-2.0, later_s=0.0) == {"FINISHED"}
+    (line,) = read_now(street)
+    assert line.what == "Moved 2.0 m back, 1.5 m left"
+    apart = edited(street).actors[uid].world_from_actor.positions - drive.actors[uid].world_from_actor.positions
+    ego = drive.world_from_ego.at(drive.time_s[0])
+    assert (ego[:3, :3].T @ apart[0])[:2] == pytest.approx([-2.0, 1.5], abs=0.1)
+    assert bpy.ops.unisim.duplicate_actor(where="LANE_RIGHT", lane_m=3.0) == {"FINISHED"}
+    copied = next(line for line in read_now(street) if line.part == "COPY")
+    assert copied.what == "Copied: 2.0 m back, 1.5 m right"

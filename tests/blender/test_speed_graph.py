@@ -28,6 +28,7 @@ from unisim_blender.editing.motion import kinematics as comparison
 from unisim_blender.editing.motion.kinematics import Limits, MotionComparison, ObjectTrack, compared
 from unisim_blender.editing.motion.plausibility import warnings_of
 from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.texts import kmh
 from unisim_blender.features.motion.properties import graph_of, limits_of
 
 
@@ -176,7 +177,8 @@ def test_the_line_and_the_values_are_those_of_the_frame(street: Any) -> None:
     columns = np.array(shapes.corners)[:, 0]
     assert columns.mean() == pytest.approx(float(axes.x(found.now.times_s[7])), abs=0.1)
     texts = [text for text, _ in values(found, 7.0)]
-    assert texts[0] == f"{found.now.times_s[7]:.2f} s" and texts[1] == f"{found.now.speed_m_s[7] * 3.6:.1f} km/h"
+    assert texts[0] == f"{found.now.times_s[7]:.2f} s (frame 7)" and texts[1] == kmh(float(found.now.speed_m_s[7]))
+    assert [text for text, _ in values(found, 22.0)] == ["2.20 s (frame 22)", "outside the drive"]
     swerve(one, 3.0)
     found = graph()
     at = float(found.frames[int(np.argmax(found.exceeded["lateral_m_s2"]))])

@@ -7,6 +7,7 @@ English ones, with names in braces.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Container, Mapping, Sequence
 from itertools import count
 
@@ -108,6 +109,11 @@ def series(parts: Sequence[str], between: str = ", ") -> Text:
 def counted(number: int, singular: str, plural: str) -> Text:
     """Return a number and what it counts: ``one`` where it is one, else ``many``, which has {count} in it."""
     return text_of(singular if number == 1 else plural, {"count": number})
+
+
+def kmh(speed_m_s: float) -> str:
+    """Return a speed, "36 km/h"; a dash for NaN."""
+    return f"{3.6 * speed_m_s:.0f} km/h" if math.isfinite(speed_m_s) else "–"
 
 
 def translatable(template: str) -> str:

@@ -16,6 +16,7 @@ from ..bridge.sampling.edit_state import edit_state
 from ..bridge.sampling.stepping import sample_all
 from ..bridge.window import choose, drive, redraw
 from ..editing.motion.plausibility import place_of, warnings_of
+from ..editing.motion.retiming import instant_of
 from ..editing.sampled.clock import Clock
 from ..editing.texts import UPPER, cased, packed, unpacked
 from ..registering import add, take_away
@@ -150,7 +151,7 @@ class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
         column = self.layout.column(align=True)
         column.active = not outdated
         for warning in check.warnings:
-            text = f"{warning.time_s:.1f} s ({warning.frame})  {warning.name}"
+            text = f"{localized(instant_of(warning.time_s, warning.frame))}  {warning.name}"
             there = column.operator("unisim.go_to", text=text, translate=False, icon="ERROR")
             text = localized(cased(unpacked(warning.text_parts, warning.text), UPPER))
             column.label(text=text, translate=False)

@@ -29,16 +29,17 @@ CLOCK = Clock(np.arange(10.0), np.arange(10) * 0.1)
 def track(name: str, speed_m_s: float, left_m: float, there: object = True) -> ActorTrack:
     """An actor that drives along x."""
     positions = np.stack([speed_m_s * CLOCK.times_s, np.full(10, left_m), np.zeros(10)], -1)
-    return ActorTrack(
-        name, name, "Car", "CAR", positions, np.broadcast_to(np.asarray(there), 10), np.zeros((0, 2)), False
-    )
+    present = np.broadcast_to(np.asarray(there), 10)
+    speeds = np.where(present, speed_m_s, np.nan)
+    return ActorTrack(name, name, "Car", "CAR", positions, present, speeds, np.zeros((0, 2)), False)
 
 
 def test_distance_speed_and_presence_at_a_frame() -> None:
     late = np.arange(10) >= 5
     ego = np.zeros((10, 3))
     found = values_at([track("a", 0.0, 4.0), track("b", 10.0, 0.0), track("c", 1.0, 0.0, late)], ego, CLOCK, 4.5)
-    assert found.distance_m == pytest.approx([4.0, 4.5, 0.45]) and found.speed_m_s == pytest.approx([0.0, 10.0, 1.0])
+    assert found.distance_m == pytest.approx([4.0, 4.5, 0.45])
+    assert found.speed_m_s == pytest.approx([0.0, 10.0, np.nan], nan_ok=True)
     assert found.there.tolist() == [True, True, False], "a frame counts until the next"
     assert values_at([track("c", 1.0, 0.0, late)], ego, CLOCK, 5.0).there.tolist() == [True]
     assert values_at([track("b", 10.0, 0.0)], ego, CLOCK, 0.0).speed_m_s == pytest.approx([10.0]), (

@@ -20,6 +20,7 @@ from imported_scene import (
 )
 
 from unisim_blender.core.errors import ScenarioError, UnisimError
+from unisim_blender.core.geometry import Trajectory, quaternion_from_yaw
 from unisim_blender.editing.edits.lines import EditLine, nearest_frame, problem_line
 from unisim_blender.editing.edits.variants import checked_name, compared, differences, file_names, free_variant_name
 from unisim_blender.editing.reading.scenario import group_lines
@@ -136,3 +137,19 @@ def test_lines_of_static_items(source: DriveSource) -> None:
 def test_the_nearest_of_an_edits_frames() -> None:
     assert nearest_frame((3, 9), 7) == 9 and nearest_frame((3, 9), 6) == 3, "the earlier one of two as near"
     assert nearest_frame((), 5) == 5
+
+
+@pytest.mark.parametrize("yaw", [0.0, 2.0])
+def test_a_cone_is_moved_as_the_ego_sees_it_whatever_its_own_axes(source: DriveSource, yaw: float) -> None:
+    cone = standing(source.drive, "Cone")
+    track = cone.world_from_actor
+    track = Trajectory(
+        track.times_s, track.positions, np.tile(quaternion_from_yaw(np.array(yaw)), (len(track.times_s), 1))
+    )
+    drive = replace(source.drive, actors={cone.uid: replace(cone, world_from_actor=track)})
+    sampled, ego = imported(drive), drive.world_from_ego
+    nearest = np.linalg.norm((ego.positions - track.positions[0])[:, :2], axis=1).argmin()
+    x, y, _ = ego.at(ego.times_s[nearest])[:3, 1] * 3.0
+    moved = changed(sampled, cone.uid, poses=displaced(one_of(sampled, cone.uid).poses, x, y))
+    (line,) = lines_of(moved, replace(source, drive=drive))
+    assert line.what == "Moved 3.0 m left"

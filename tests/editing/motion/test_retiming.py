@@ -35,18 +35,18 @@ def test_keys_move_to_their_new_frames(mode: str, frames: list[float]) -> None:
         ("DELAY", ["0.50 s (5.0 frames) later"], "0.50 s (5.0 frames) later"),
         (
             "SPEED",
-            ["From 1.00 s (frame 10.0) on", "1 s becomes 2.00 s (20.0 frames)"],
-            "speed x0.5 from 1.00 s (frame 10.0) on",
+            ["From 1.00 s (frame 10) on", "1 s becomes 2.00 s (20.0 frames)"],
+            "speed x0.5 from 1.00 s (frame 10) on",
         ),
         (
             "STOP",
-            ["Brakes from 1.00 s (frame 10.0) on", "Stands for 0.50 s (5.0 frames)"],
+            ["Brakes from 1.00 s (frame 10) on", "Stands for 0.50 s (5.0 frames)"],
             "stands for 0.50 s (5.0 frames)",
         ),
         (
             "STRETCH",
             [
-                "From 1.00 s (frame 10.0) to 2.00 s (frame 20.0)",
+                "From 1.00 s (frame 10) to 2.00 s (frame 20)",
                 "1.00 s (10.0 frames) become 2.00 s (20.0 frames)",
                 "Everything after that is 1.00 s (10.0 frames) later",
             ],

@@ -7,13 +7,16 @@ from collections.abc import Callable, Sequence
 import bpy
 import numpy as np
 
-from ...core.geometry import FloatArray, matrix_from_quaternion
-from ...editing.motion.braking import Approach, Stop, braked, stopped_keys
+from ...core.geometry import FloatArray, matrix_from_quaternion, quaternion_from_matrix
+from ...core.world.drive import Drive
+from ...editing.motion.braking import Approach, StopInMotion, braked, stopped_keys
 from ...editing.motion.keys import TrajectoryKeys, along_line, is_path, shifted_keys
 from ...editing.motion.retiming import later_or_earlier
+from ...editing.sampled.axes import axes_of
 from ...editing.sampled.clock import Clock
 from ...editing.texts import Text, series
 from ..objects.animation import add_to_keys, curves_of, keys_of, write_keys
+from ..objects.imported import class_of
 from ..objects.meshes import size_of
 from ..objects.trajectories import keyed_pose, own_trajectory, ride, settle_on, trajectory_of
 
@@ -40,6 +43,13 @@ def displaced_along(obj: bpy.types.Object, offset_m: Sequence[float]) -> None:
     write_keys(obj, frames, positions + matrix_from_quaternion(quaternions) @ offset, quaternions)
 
 
+def displaced_beside(obj: bpy.types.Object, offset_m: Sequence[float], drive: Drive) -> None:
+    """Move an actor by ``offset_m`` (3,), forward, left and up in the axes of `axes_of`, alike at every frame."""
+    now = keyed_pose(obj, float(drive.frames[0]))
+    axes = axes_of(class_of(obj, drive), now[:3, 3], drive)
+    displaced_along(obj, offset_m if axes is None else (now[:3, :3].T @ axes @ np.array(offset_m)).tolist())
+
+
 def moved_to(obj: bpy.types.Object, place: Sequence[float], frame: float) -> None:
     """Move an object's whole trajectory, in the ground's plane, so that it is at ``place`` at a frame.
     Its height stays."""
@@ -64,6 +74,11 @@ def follow(obj: bpy.types.Object, line: FloatArray, start_s: float, way: Approac
     write_keys(above, clock.frame(start_s + times), positions, quaternions)
 
 
+def move_along(obj: bpy.types.Object, poses: FloatArray, clock: Clock) -> None:
+    """Put an object on a trajectory of poses (N, 4, 4) at the clock's frames."""
+    write_keys(ride(obj), clock.frames, poses[:, :3, 3], quaternion_from_matrix(poses[:, :3, :3]))
+
+
 def retimed(obj: bpy.types.Object, at: Callable[[FloatArray], FloatArray], path: str = "") -> None:
     """Move the keys of an object, and of its presence unless ``path`` names one property, to ``at`` their
     frames, which rises."""
@@ -85,7 +100,7 @@ def _moved(curve: bpy.types.FCurve, at: Callable[[FloatArray], FloatArray]) -> N
     curve.update()
 
 
-def _hold_value(curve: bpy.types.FCurve, stop: Stop, clock: Clock) -> None:
+def _hold_value(curve: bpy.types.FCurve, stop: StopInMotion, clock: Clock) -> None:
     """Hold a curve's value while its object stands, and move what comes after the stop."""
     first, last = clock.frame(np.array(stop.stands_s))
     value = curve.evaluate(float(clock.frame(stop.earlier(np.array(stop.stands_s[0])))))
@@ -112,16 +127,17 @@ def stopped(
     write_keys(above, *stopped_keys(TrajectoryKeys(*keys), stop, clock))
 
 
-def shift(obj: bpy.types.Object, left_m: float, ahead_m: float, later_s: float, clock: Clock) -> str:
+def shift(obj: bpy.types.Object, left_m: float, ahead_m: float, later_s: float, drive: Drive) -> str:
     """Shift an actor, alike at every time, and return what was done as a sentence.
 
-    ``left_m`` is along its own y axis. ``ahead_m`` is an arc length along the path of its trajectory, straight on
-    beyond the path's ends; an actor that goes nowhere is shifted along its own x axis. ``later_s`` is in seconds of the
-    log and takes its presence along.
+    ``left_m`` is along its own y axis, ``ahead_m`` an arc length along the path of its trajectory, straight on beyond the
+    path's ends, or along the x axis of an actor that goes nowhere. Axes of what has no front are those of `axes_of`.
+    ``later_s`` is in seconds of the log and takes its presence along.
     """
     done: list[str] = []
+    clock = Clock.of(drive)
     if abs(left_m) > MIN_SHIFT:
-        displaced_along(obj, (0.0, left_m, 0.0))
+        displaced_beside(obj, (0.0, left_m, 0.0), drive)
         done.append(
             Text("{length:.2f} m to the left" if left_m > 0 else "{length:.2f} m to the right", length=abs(left_m))
         )
@@ -130,8 +146,8 @@ def shift(obj: bpy.types.Object, left_m: float, ahead_m: float, later_s: float, 
         if _along_path(obj, ahead_m, clock):
             done.append(Text("{shift} along its path", shift=shift))
         else:
-            displaced_along(obj, (ahead_m, 0.0, 0.0))
-            done.append(Text("{shift} along its own axis, as it stands still", shift=shift))
+            displaced_beside(obj, (ahead_m, 0.0, 0.0), drive)
+            done.append(Text("{shift} (it stands still)", shift=shift))
     if abs(later_s) > MIN_SHIFT:
         if trajectory_of(obj) is None and not len(curves_of(obj)):
             done.append(Text("at the same times, as it stands there throughout"))

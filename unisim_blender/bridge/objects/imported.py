@@ -12,9 +12,10 @@ from mathutils import Matrix
 
 from ...core.actor_images.names import full_name
 from ...core.geometry import FloatArray
-from ...core.world.drive import Actor
+from ...core.world.drive import Actor, Drive
 from ...editing.actors.table import is_plain
 from ...editing.layout.shapes import box_shape, class_colour
+from ...editing.motion.kinematics import label_of
 from ...editing.sampled.source import DriveSource, NotImported, open_source
 
 COLLECTIONS = {
@@ -137,6 +138,12 @@ def title_of(obj: bpy.types.Object) -> str:
 def look_scene_of(obj: bpy.types.Object) -> str:
     """Return the folder of the other trained scene that an object's appearance is of; "" where it is of the drive."""
     return str(bpy.path.abspath(obj.unisim.look_scene)) if obj.unisim.look_scene else ""
+
+
+def class_of(obj: bpy.types.Object, drive: Drive) -> str:
+    """Return the class of an actor or of the ego vehicle."""
+    about = obj.unisim
+    return label_of(about.kind, about.look or about.uid, look_scene_of(obj), about.label, drive)
 
 
 def is_copy(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:

@@ -12,7 +12,6 @@ from ...core.actor_images.names import group_of
 from ...core.geometry import BoolArray, FloatArray, make_pose
 from ...core.world.drive import Drive
 from ...editing.actors.table import (
-    HALF_S,
     ActorCard,
     ActorTrack,
     present_span,
@@ -20,21 +19,26 @@ from ...editing.actors.table import (
     size_words,
     steps_of,
 )
-from ...editing.motion.kinematics import label_of
+from ...editing.motion.kinematics import motion_of
+from ...editing.motion.placement import Neighbour
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import UNIT, differs
 from ..objects.animation import keyed_values, shown_by_keys
-from ..objects.imported import imported_objects, is_copy, look_scene_of
+from ..objects.imported import class_of, imported_objects, is_copy
 from ..objects.meshes import scale_of, size_of
 from ..objects.trajectories import keyed_pose, trajectory_of
+
+NEAR_S = 2.0
+"""Frames within this time tell an actor's speed at one."""
 
 
 def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock, original: bool) -> ActorTrack:
     """Return an actor's track; ``original`` tells whether the object stands for the recorded actor and is no copy."""
     poses, there = poses_of(obj, clock.frames), there_of(obj, clock.frames)
-    label = label_of("ACTOR", obj.unisim.look or obj.unisim.uid, look_scene_of(obj), obj.unisim.label, drive)
+    label = class_of(obj, drive)
     return ActorTrack(
-        obj.name, obj.unisim.uid, label, group_of(label), poses[:, :3, 3], there, steps_of(there, clock),
+        obj.name, obj.unisim.uid, label, group_of(label), poses[:, :3, 3], there,
+        motion_of(poses[:, :3, 3], clock.times_s, there).speed_m_s, steps_of(there, clock),
         is_edited(obj, drive, clock, poses, there, original),
     )  # fmt: skip
 
@@ -71,19 +75,40 @@ def there_of(obj: bpy.types.Object, frames: FloatArray) -> BoolArray:
     return shown_by_keys(obj, frames) & (not obj.hide_render)
 
 
+def neighbours(scene: bpy.types.Scene, new: bpy.types.Object, drive: Drive, clock: Clock) -> list[Neighbour]:
+    """Return the actors of a scene beside a new one."""
+    actors = [obj for obj in imported_objects(scene, "ACTOR") if obj != new and not obj.hide_render]
+    return [
+        Neighbour(poses_of(obj, clock.frames), there_of(obj, clock.frames), class_of(obj, drive), size_of(obj))
+        for obj in actors
+    ]
+
+
+def ego_poses(scene: bpy.types.Scene, drive: Drive, clock: Clock) -> FloatArray:
+    """Return the ego vehicle's poses (N, 4, 4), those that were recorded where it was deleted."""
+    ego = next(imported_objects(scene, "EGO"), None)
+    return drive.world_from_ego.at(clock.times_s) if ego is None else poses_of(ego, clock.frames)
+
+
 def card_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> ActorCard:
     """Return the card of an actor at the frame that is shown."""
     clock = Clock.of(drive)
-    now = float(clock.time_s(np.array(scene.frame_current_final)))
-    before, after = clock.frame(np.array([now - HALF_S, now + HALF_S]))
-    moved = keyed_pose(obj, float(after))[:3, 3] - keyed_pose(obj, float(before))[:3, 3]
     ego = next(imported_objects(scene, "EGO"), None)
     apart = 0.0 if ego is None else (obj.matrix_world.translation - ego.matrix_world.translation).length
-    label = label_of("ACTOR", obj.unisim.look or obj.unisim.uid, look_scene_of(obj), obj.unisim.label, drive)
+    label = class_of(obj, drive)
     return ActorCard(
-        obj.name, label, role_of(scene, obj, drive), float(np.linalg.norm(moved)) / (2 * HALF_S), apart,
+        obj.name, label, role_of(scene, obj, drive), speed_at(obj, clock, scene.frame_current_final), apart,
         present_span(shown_by_keys(obj, clock.frames), clock), size_of_card(obj),
     )  # fmt: skip
+
+
+def speed_at(obj: bpy.types.Object, clock: Clock, frame: float) -> float:
+    """Return an actor's speed at a frame, that of its track; NaN where it is not there."""
+    now = clock.times_s[clock.index(frame)]
+    near = np.abs(clock.times_s - now) <= NEAR_S
+    frames, times_s = clock.frames[near], clock.times_s[near]
+    speeds = motion_of(poses_of(obj, frames)[:, :3, 3], times_s, there_of(obj, frames)).speed_m_s
+    return float(speeds[np.flatnonzero(times_s == now)[0]])
 
 
 def size_of_card(obj: bpy.types.Object) -> str:

@@ -12,12 +12,12 @@ from ...core.geometry import FloatArray, make_pose, transform_points
 from ...core.world.drive import Camera, Drive
 from ...editing.layout.shapes import pyramid, ring
 from ...editing.layout.trails import RECORDED, TrailSegments, joined, own_lines, recorded_lines
-from ...editing.motion.kinematics import Limits, MotionComparison, ObjectTrack, cached_comparison, label_of
+from ...editing.motion.kinematics import Limits, MotionComparison, ObjectTrack, cached_comparison
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import UNIT, rigid, same, same_place
 from ...editing.sensors.mounts import recorded_pose
 from ..objects.animation import curves_of, keyed_values, shown_by_keys
-from ..objects.imported import is_copy, look_scene_of
+from ..objects.imported import class_of, is_copy
 from ..objects.meshes import scale_of
 from ..objects.trajectories import trajectory_of
 from .sensor_facts import recorded_sensor
@@ -97,7 +97,7 @@ def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock) -> ObjectTrack:
     if poses is None:
         poses = np.tile(rigid(np.array(obj.matrix_world, float)), (len(clock.frames), 1, 1))
     kind, uid = obj.unisim.kind, obj.unisim.uid
-    label = label_of(kind, obj.unisim.look or uid, look_scene_of(obj), obj.unisim.label, drive)
+    label = class_of(obj, drive)
     return ObjectTrack(obj.name, kind, uid, label, poses, shown_by_keys(obj, clock.frames))
 
 

@@ -1,2 +1,1 @@
-"""Recorded images of single actors: where each is seen best, cut out, the colour of its paint, and a
-name made of that."""
+"""Recorded images of single actors: the best views, thumbnails, paint colours, and names with these."""

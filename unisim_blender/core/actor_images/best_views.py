@@ -19,15 +19,15 @@ Outlines = Mapping[str, tuple[Outline, int]]
 """The recording vehicle's outline in the images of each camera that shows it, with the height of these images."""
 
 NEAREST_M = 0.5
-"""A box with a corner nearer to the camera's plane than this is cut by the image, or stands beside a wide lens: no view."""
+"""Smallest depth, metres, of a box's corners in a view: a nearer box is cut by the image, or beside a wide lens."""
 ENOUGH_PX = 40000.0
-"""A larger area in the image makes a view no better."""
+"""Area in the image, pixels, above which a view does not improve."""
 CANDIDATES = 40
-"""Views of an actor whose occlusion is looked into."""
+"""Number of views of an actor whose occlusion is computed."""
 APART = 4
-"""Frames between two views of an actor through one camera."""
+"""Smallest number of frames between two views of an actor by one camera."""
 LATTICE = 10
-"""Occlusion is sampled at so many places along each edge of an actor's rectangle."""
+"""Number of samples of occlusion along each edge of an actor's rectangle."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class ActorView:
 
     @property
     def score(self) -> float:
-        """How well the actor is seen; larger is better."""
+        """Quality of the view; larger is better."""
         return float(np.sqrt(min(self.area_px, ENOUGH_PX)) * (self.visible * self.clear) ** 3 * self.inside**2)
 
 
@@ -190,7 +190,7 @@ MARGIN = 1.25
 DIMMED = 0.55
 """Brightness of what lies outside the actor's rectangle."""
 LEAST_PX = 24
-"""A smaller square would show blocks and no surroundings."""
+"""Smallest square, pixels: a smaller one would show blocks and no surroundings."""
 
 
 def crop(image: NDArray[np.uint8], view: ActorView) -> NDArray[np.uint8]:

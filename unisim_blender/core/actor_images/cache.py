@@ -1,4 +1,4 @@
-"""Thumbnails and words for the colours of a log's actors, made once and kept in the user's cache folder.
+"""Thumbnails and words for the colours of a log's actors, computed once and cached in the user's cache folder.
 
 Views of an actor in which a fence or a wall stands before it are left out, as LiDAR returns between it and the camera tell.
 """
@@ -25,13 +25,13 @@ from .best_views import ActorView, best_views, crop, png
 from .paint import Tone, paint_tone, painted_as, telling, word_of
 
 LEAST = 6
-"""Fewer returns about an actor tell nothing."""
+"""Smallest number of returns around an actor from which its occlusion is judged."""
 BEFORE_M = 0.4
-"""A return is before the actor when it is this much nearer to the camera than the box's nearest corner."""
+"""Distance, metres, by which a return before the actor is nearer to the camera than the box's nearest corner."""
 ABOUT_M = 0.2
-"""Returns so far outside the box are still the actor's."""
+"""Margin around the box, metres, within which returns are still the actor's."""
 APART = 2
-"""A sweep at most so many frames away stands in for a missing one."""
+"""Largest distance, in frames, of a sweep that stands in for a missing one."""
 
 
 def clear_fraction(points: FloatArray, size_m: FloatArray, view: ActorView, model: CameraModel) -> float:
@@ -81,14 +81,14 @@ def cleared(log: Log, actors: Mapping[str, Actor], views: Mapping[str, list[Acto
 
 
 VERSION = 1
-"""Another one whenever the same log would give something else."""
+"""Version of the cache, raised when the same log gives other content."""
 INDEX = "actors.json"
 LOOKED_AT = 6
-"""Views of an actor of which LiDAR is asked whether something stands before it."""
+"""Number of views of an actor that are checked for occlusion by LiDAR."""
 OUTLINE_IMAGES = 10
-"""Images of each camera in which the recording vehicle's outline is looked for, about."""
+"""Approximate number of images of each camera in which the recording vehicle's outline is sought."""
 TELLING = 3
-"""Images that a colour is told from at most."""
+"""Largest number of images from which a colour is determined."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class ActorImage:
 
 
 def image_folder(log_path: Path) -> Path:
-    """Return the folder of a log's thumbnails: another one where the log lies elsewhere or any of its files has changed."""
+    """Return the folder of a log's thumbnails, which depends on the log's path and its files' state."""
     files = sorted(path for path in log_path.rglob("*") if path.is_file()) if log_path.is_dir() else [log_path]
     stamps = [(str(path), *file_stamp(path)) for path in files if path.is_file()]
     text = json.dumps([VERSION, str(log_path.resolve()), stamps])
@@ -109,7 +109,7 @@ def image_folder(log_path: Path) -> Path:
 
 
 def cached_images(log_path: Path) -> dict[str, ActorImage] | None:
-    """Return what is kept of a log's actors by id; None where it has not been made, or not completely."""
+    """Return the cached images of a log's actors by id; None where they are missing or incomplete."""
     folder = image_folder(log_path)
     try:
         document = json.loads((folder / INDEX).read_text())

@@ -1,5 +1,5 @@
-"""The colour of a vehicle's paint: where an image shows body panels, not glass or tyres, and the ground that is lit alike, and a
-word for the colour from their pixels."""
+"""The colour of a vehicle's paint: pixels of body panels, not of glass or tyres, and of the ground under the same
+light, and a word for the colour from these."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from .best_views import ActorView
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 LEAST_PIXELS = 12
-"""Fewer pixels of paint or of ground tell nothing."""
+"""Smallest number of pixels of paint, and of ground, from which a colour is determined."""
 BELOW, ABOVE = 60, 85
 """Percentiles of the paint's luminance. Gaps, lamps and tyres make panels look darker, seldom brighter."""
 BLACK, LIGHT, WHITE = 0.8, 2.6, 4.0
 """Luminance of paint over that of asphalt under the same light: black below the first at `BELOW`; light grey from the
 second and white from the third at `ABOVE`."""
 WHITE_L = 85.0
-"""CIE Lab lightness in the image from which on paint looks white, whatever lies beside it."""
+"""CIE Lab lightness in the image above which paint looks white, whatever is beside it."""
 CHROMA, PLAIN_CHROMA, SATURATION = 8.0, 12.0, 0.25
 """CIE Lab chroma beside the ground's from which on paint has a hue: the first where chroma over lightness is that
 saturation, the second in any case, and always for blue, since every glossy body reflects the sky."""
 DARKEST_L = 12.0
-"""Saturation is told as if nothing were darker than this, in CIE Lab lightness: noise has a hue."""
+"""Lower bound of CIE Lab lightness in a saturation: noise of dark pixels has a hue."""
 HUES = (
     (20.0, "red"),
     (45.0, "red"),
@@ -111,32 +111,31 @@ def hue_word(a: float, b: float, lightness: float) -> str:
 
 
 STEPS = 28
-"""Places along a panel's length; its height has a third of them."""
+"""Number of places along a panel's length; its height has a third of them."""
 GRAZING = 0.25
-"""A face at a smaller cosine to the line of sight is not looked at."""
+"""Smallest cosine between a face's normal and the line of sight at which the face is used."""
 
 BANDS = {
     "car": (-0.10, 0.10),
     "truck": (-0.05, 0.38),
 }
-"""Which heights of the box the panels have, as fractions of its height from its middle: above tyres, below windows."""
+"""Heights of the panels, as fractions of the box's height from its middle: above tyres, below windows."""
 LEAST_SCORE = 9.0
-"""Of a view that a colour is told from; a car of 60 pixels' width that nothing covers has some 40."""
+"""Smallest score of a view from which a colour is determined; an uncovered car of 60 pixels' width has some 40."""
 GOOD = 0.6
-"""Views that score less than this beside the best one are not asked."""
+"""Smallest score of a view, relative to the best one's, that is used."""
 TRUCKS = ("truck", "bus")
 CARS = ("car", "pickup", "van")
 ROAD_M = (10.0, 11.0, 12.0, 14.0, 16.0, 19.0, 22.0, 26.0)
-"""Distances from the camera at which the road is looked at: nearer there is the recording vehicle itself."""
+"""Distances from the camera, metres, at which the road is sampled: nearer there is the recording vehicle itself."""
 ROAD_PERCENTILE = 40
-"""Of the road's luminance: asphalt, and not the lines on it."""
+"""Percentile of the road's luminance that is asphalt, and not the lines on it."""
 BESIDE_M = (0.5, 0.9, 1.3, 1.8)
-"""Distances from the box at which the ground is looked at."""
+"""Distances from the box, metres, at which the ground is sampled."""
 
 
 def painted_as(label: str) -> str:
-    """Return how vehicles of a class are painted: "car" or "truck"; "" where no single colour tells one
-    actor from others."""
+    """Return the kind of paint of a class: "car" or "truck"; "" where no single colour distinguishes actors."""
     words = label.lower().replace("-", " ").split()
     if "pickup" not in words and any(word in words for word in TRUCKS):
         return "truck"

@@ -1,4 +1,4 @@
-"""How actors of each class move: a table from the datasets' names to ours. Labels keep a dataset's own name.
+"""Kinds of motion of actors by class, a table for each dataset's names. Labels keep a dataset's own name.
 
 ``rigid``: moves as one piece. ``deforming``: changes its shape as it moves, as a person does, or a rider with a bicycle in one
 box. ``still``: stands where it is.
@@ -44,7 +44,7 @@ NUSCENES: dict[str, Motion] = {
     "movable_object": "still",
     "static_object": "still",
 }
-"""By the first part of a name: "vehicle" is that of vehicle.bus.rigid."""
+"""Kinds of motion by the first part of a name: "vehicle" for vehicle.bus.rigid."""
 KITTI: dict[str, Motion] = {
     **dict.fromkeys(("Car", "Van", "Truck", "Tram", "Misc"), "rigid"),
     **dict.fromkeys(("Cyclist", "Pedestrian", "Person_sitting", "Person"), "deforming"),
@@ -67,13 +67,13 @@ NVIDIA: dict[str, Motion] = {
     **dict.fromkeys(("person", "rider", "stroller", "animal"), "deforming"),
     "protruding_object": "still",
 }
-"""Of NVIDIA's Physical AI dataset, which is in NCore's format."""
+"""Kinds of motion of NVIDIA's Physical AI dataset, which is in NCore's format."""
 TABLES: tuple[Mapping[str, Motion], ...] = (PANDASET, ARGOVERSE2, NUSCENES, KITTI, WAYMO, ZOD, NVIDIA)
 
 
 def motion_of(label: str, own: Mapping[str, Motion] | None = None) -> Motion | None:
-    """Return how actors of a class move, by ``own`` names first; None where no table has the name, nor what it begins with up to
-    a dot."""
+    """Return the kind of motion of a class, by ``own`` names first; None where no table has the name or its part before
+    the first dot."""
     for table in (own or {}, *TABLES):
         name = label
         while name:

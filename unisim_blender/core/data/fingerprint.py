@@ -18,26 +18,30 @@ from ..world.drive import Camera, Drive, Lidar
 from .log import Log, Sweep, SweepGrid
 
 MOST_FRAMES = 12
+"""Largest number of frames of a fingerprint."""
 COMPARED = 3
-"""Frames whose images and sweeps are read to compare two logs."""
+"""Number of frames whose images and sweeps are read to compare two logs."""
 CELLS = 6, 12
 SAMPLES = 8
-"""Samples of direction along each side of a cell of an image."""
+"""Number of samples of direction along each side of a cell of an image."""
 IMAGE_FRACTION = 0.6
-"""Of the field of view, about the optical axis: rectified images show less than the recorded ones."""
+"""Fraction of the field of view, around the optical axis, that is compared: rectified images show less."""
 SECTORS = 72
 BANDS_RAD = np.deg2rad([-2.0, 1.5, 10.0])
-"""Elevations between which ranges are compared: what stands, and little of the ground."""
+"""Elevations, radians, between which ranges are compared: standing objects, and little of the ground."""
 LEAST_POINTS = 5
+"""Smallest number of returns of a sector whose range is known."""
 LEAST_SECTORS = 12
+"""Smallest number of sectors of known range of a sweep that is compared."""
 LEAST_AGREEMENT = 0.8
-"""Of the sectors, in sweeps of one drive: 0.91 and more were measured across layouts, 0.62 and less between drives."""
+"""Smallest fraction of sectors that agree in sweeps of one drive: 0.91 and more were measured across layouts, 0.62 and
+less between drives."""
 MOST_BRIGHTNESS = 8.0
-"""Mean difference of cells, of 255, in images of one drive: 2.3 and less were measured across layouts, rectified and encoded
-anew; 10 and more between drives."""
+"""Largest mean difference of cells, of 255, in images of one drive: 2.3 and less were measured across layouts,
+rectified and encoded anew; 10 and more between drives."""
 SAME_MOTION_M = 1.0
 SAME_WORLD_M, SAME_WORLD_RAD = 0.01, 1e-3
-"""A world that is moved by less is the same: layouts round poses."""
+"""Largest movement, metres and radians, of a world that counts as the same: layouts round poses."""
 SAME_TIME_S = 1e-3
 
 
@@ -137,7 +141,8 @@ def _marks(log: Log, camera: str, span: tuple[float, float, float, float], lidar
 
 
 def _span(drive: Drive, camera: Camera) -> tuple[float, float, float, float]:
-    """Return the directions that a camera's images are compared over: yaw from, to, pitch from, to, in the ego's axes."""
+    """Return the directions over which a camera's images are compared: yaw from, to, pitch from, to, radians, ego's
+    axes."""
     axis = _ego_from_camera(drive, camera, min(camera.time_s))[:3, 2]
     yaw, pitch = float(np.arctan2(axis[1], axis[0])), float(np.arcsin(np.clip(axis[2], -1, 1)))
     half = [
@@ -198,9 +203,9 @@ def _sweep_marks(log: Log, name: str, frame: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class LogComparison:
-    """How far a log is that of a fingerprint. ``difference``: a sentence's part on what differs, "" for the same drive;
-    ``compared``: what was compared. ``moved`` (4, 4) takes the log's world to the fingerprint's, and ``later_s`` is added to
-    its times."""
+    """Result of comparing a log with a fingerprint. ``difference``: a sentence's part on the differences, "" for the
+    same drive; ``compared``: what was compared. ``moved`` (4, 4) takes the log's world to the fingerprint's, and
+    ``later_s``, seconds, is added to its times."""
 
     difference: str
     compared: str
@@ -209,7 +214,7 @@ class LogComparison:
 
     @property
     def is_moved(self) -> bool:
-        """Whether the log's world or time is another than the fingerprint's."""
+        """Whether the log's world or time differs from the fingerprint's."""
         turned = np.abs(self.moved[:3, :3] - np.eye(3)).max()
         away = np.abs(self.moved[:3, 3]).max()
         return bool(turned > SAME_WORLD_RAD or away > SAME_WORLD_M or abs(self.later_s) > SAME_TIME_S)
@@ -321,7 +326,7 @@ def _some(frames: Any) -> str:
 class AlignedLog:
     """A log in another world and time: ``moved`` (4, 4) takes its world to the other, ``later_s`` is added to its times.
 
-    What it does not define is the log's own.
+    Other members are the log's own.
     """
 
     def __init__(self, log: Log, comparison: LogComparison, world_origin: FloatArray) -> None:
@@ -347,7 +352,7 @@ class AlignedLog:
         return replace(sweep, points=points, origins=origins, time_s=sweep.time_s + self._later_s, drops=drops)
 
     def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
-        """The recorded sweep as beams x columns, with drops."""
+        """Return the recorded sweep as beams x columns, with drops."""
         grid = self._log.sweep_grid(lidar, frame)
         return replace(
             grid,

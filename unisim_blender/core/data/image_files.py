@@ -1,4 +1,4 @@
-"""Image files of recorded drives: which ones there are, and what their headers say. No image library is needed for JPEG and PNG.
+"""Image files of recorded drives and their headers. No image library is needed for JPEG and PNG.
 
 An image's *size* is that of the upright image: EXIF's orientation tells how a stored one is turned to it (CIPA DC-008, 4.6.4).
 """
@@ -15,16 +15,17 @@ from typing import BinaryIO, Literal
 from ..errors import LogError, in_a_line
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", ".ppm", ".pgm", ".jp2", ".avif")
-"""Of files that are taken for images, whatever their letters' case; a layout's own suffix comes before these."""
+"""Suffixes of files that are taken for images, in any case of letters; a layout's own suffix comes before these."""
 KINDS = {".jpg": "JPEG", ".jpeg": "JPEG", ".png": "PNG"}
 MAX_SIDE = 1 << 15
 PNG_BEGINS = b"\x89PNG\r\n\x1a\n"
 UPRIGHT = 1
-"""EXIF's orientation of an image that is stored as it is looked at."""
+"""EXIF's orientation of an image that is stored upright."""
 _ORIENTATION = 0x0112
 _GREY, _RGB = 0, 2
 CLEARLY = 0.05
-"""A principal point that is nearer to the middle by this share of an image's side tells which way the image was calibrated."""
+"""Share of an image's side by which a principal point must be nearer to the middle to decide the calibrated
+orientation."""
 
 
 class Notes(dict[str, str]):
@@ -125,7 +126,8 @@ def what_else(folder: Path) -> str:
 
 
 def _jpeg(stream: BinaryIO, where: str) -> ImageHeader:
-    """From the first frame header (ITU-T T.81, annex B); the stream is behind the file's first marker."""
+    """Return the header by the first frame header (ITU-T T.81, annex B); the stream is after the file's first
+    marker."""
     orientation, plain = UPRIGHT, True
     while True:
         marker = stream.read(2)
@@ -148,7 +150,7 @@ def _jpeg(stream: BinaryIO, where: str) -> ImageHeader:
 
 
 def _png(stream: BinaryIO, where: str) -> ImageHeader:
-    """From the chunks before the pixels (PNG, third edition, 11); the stream is behind the signature."""
+    """Return the header by the chunks before the pixels (PNG, third edition, 11); the stream is after the signature."""
     head = stream.read(16)
     if len(head) < 16 or head[4:8] != b"IHDR":
         raise LogError(f"{where}: is no PNG image")
@@ -168,7 +170,8 @@ def _png(stream: BinaryIO, where: str) -> ImageHeader:
 
 
 def _orientation(exif: bytes) -> int:
-    """The orientation of EXIF data, from the first directory of its TIFF; upright where it has none, or an unknown one."""
+    """Return the orientation of EXIF data, from the first directory of its TIFF; upright where it has none, or an
+    unknown one."""
     orders: dict[bytes, Literal["little", "big"]] = {b"II": "little", b"MM": "big"}
     order = orders.get(exif[:2])
     if order is None:
@@ -186,7 +189,7 @@ def _orientation(exif: bytes) -> int:
 
 
 def _other(stream: BinaryIO, source: Path | bytes, where: str) -> ImageHeader:
-    """The header of another kind of image, by Pillow."""
+    """Return the header of another kind of image, by Pillow."""
     kind = "" if isinstance(source, bytes) else KINDS.get(source.suffix.lower(), "")
     try:
         from PIL import Image, UnidentifiedImageError

@@ -18,11 +18,11 @@ from .image_files import UPRIGHT, ImageHeader, Notes, image_header
 from .log import Log
 
 SIGNATURES = {b"\xff\xd8\xff": "jpeg", b"\x89PNG": "png"}
-"""How files of images begin that are taken over as they are."""
+"""First bytes of image files that are copied unchanged."""
 FULL_SCALE = 65535 // 255
-"""By which a value of 16 bits is divided for one of 8."""
+"""Divisor from a value of 16 bits to one of 8."""
 DIM = 64
-"""Images of more than 8 bits that are nowhere brighter than this, of 255, may fill fewer of their bits than they have."""
+"""Largest value, of 255, of an image of more than 8 bits at which it may use fewer bits than its file has."""
 SRGB_GAMMA, GAMMA_OFF = 1 / 2.2, 0.02
 _ROWS = 32
 
@@ -136,7 +136,7 @@ def _transform(profile: bytes, mode: str) -> tuple[str, ImageCms.ImageCmsTransfo
 
 
 def rgb_pixels(image: Image.Image) -> NDArray[np.uint8]:
-    """The pixels (H, W, 3) of an image that Pillow opened, sRGB.
+    """Return the pixels (H, W, 3) uint8 of an image that Pillow opened, sRGB.
 
     Rows are copied a few at a time, which stay in a processor's cache: all at once take as long as decoding them.
     """
@@ -148,7 +148,7 @@ def rgb_pixels(image: Image.Image) -> NDArray[np.uint8]:
 
 
 def resize_image(rgb: NDArray[np.uint8], model: CameraModel) -> NDArray[np.uint8]:
-    """An image (H, W, 3) at the camera model's size, each new pixel the mean of what it covers."""
+    """Return an image (H, W, 3) uint8 at the camera model's size, each new pixel the mean of what it covers."""
     if rgb.shape[:2] == (model.height, model.width):
         return rgb
     return np.asarray(Image.fromarray(rgb).resize((model.width, model.height), Image.Resampling.BOX))
@@ -156,8 +156,8 @@ def resize_image(rgb: NDArray[np.uint8], model: CameraModel) -> NDArray[np.uint8
 
 @lru_cache(maxsize=16)
 def shown_pixels(recorded: CameraModel, model: CameraModel) -> BoolArray | None:
-    """Pixels (H, W) of a recorded image at ``model``'s size that have their colour from what the lens shows alone; None where all
-    have. At the border of what it shows, a pixel of a resized image covers some that are black."""
+    """Return the pixels (H, W) bool of a recorded image at ``model``'s size whose colour is from pixels alone that the
+    lens shows; None where all are. At the border, a pixel of a resized image covers some that are black."""
     shown, own = image_mask(model), image_mask(recorded)
     if own is None or own.shape == (model.height, model.width):
         return shown
@@ -168,8 +168,8 @@ def shown_pixels(recorded: CameraModel, model: CameraModel) -> BoolArray | None:
 
 
 def encoded_image(log: Log, camera: str, frame: int) -> NDArray[np.uint8] | bytes:
-    """A recorded image's file as it is where it is a JPEG or PNG whose pixels are the image's; its pixels (H, W, 3) otherwise:
-    of one that is turned, say, or has 16 bits a channel. Raises `LogError`."""
+    """Return a recorded image's file unchanged where it is a JPEG or PNG whose pixels are the image's; else its pixels
+    (H, W, 3) uint8, as for an image that is rotated or has 16 bits a channel. Raises `LogError`."""
     encoded = getattr(log, "encoded_image", None)
     if encoded is not None:
         content = bytes(encoded(camera, frame))

@@ -1,4 +1,4 @@
-"""A recorded drive on disk: its `Drive`, and images and sweeps read when they are asked for."""
+"""A recorded drive on disk: its `Drive`, and images and sweeps, which are read on demand."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from .classes import Motion
 class Sweep:
     """The returns of one sweep, N points, world frame; ray origins and times are each point's own.
 
-    points (N, 3), origins (N, 3), time_s (N,), intensity (N,) in 0..1, ring (N,) beam index or -1, column (N,) or -1,
-    semantic (N,) class number or -1. ``rank`` (N,): 0 for the strongest return of its ray, 1 and more for the others
-    (`sweep_cells.rank_returns`); None where a ray has one return. ``drops``: the rays that the log says did not return; None
-    where it does not say, and they are inferred from the beam table.
+    points (N, 3), origins (N, 3), metres, time_s (N,), seconds, intensity (N,) in 0..1, ring (N,) beam index or -1,
+    column (N,) or -1, semantic (N,) class number or -1. ``rank`` (N,): 0 for the strongest return of its ray, 1 and
+    more for the others (`sweep_cells.rank_returns`); None where a ray has one return. ``drops``: the rays that the log
+    says did not return; None where it does not say, and they are inferred from the beam table.
     """
 
     points: FloatArray
@@ -57,8 +57,8 @@ class Drops:
 
 @dataclass(frozen=True)
 class OtherReturns:
-    """Returns of a sweep beside each ray's strongest, K of them: ring, column, rank (K,), rank 1 and more; depth_m, intensity
-    (K,)."""
+    """Returns of a sweep beside each ray's strongest, K of them: ring, column, rank (K,), rank 1 and more; depth_m
+    (K,), metres along the ray, intensity (K,) in 0..1."""
 
     ring: NDArray[np.int32]
     column: NDArray[np.int32]
@@ -106,13 +106,13 @@ class SweepGrid:
 class Log(Protocol):
     """Interface of a log, as every reader returns it; optional members are in `LogExtras`.
 
-    Nothing is read from images and sweeps before it is asked for, and nothing of it is kept.
+    Images and sweeps are read on demand and not cached.
     """
 
     path: Path
     drive: Drive
     missing: tuple[str, ...]
-    """One sentence for each thing that is not there: a camera, a frame's image, a sweep."""
+    """A sentence for each missing thing: a camera, a frame's image, a sweep."""
 
     def image_frames(self, camera: str) -> tuple[int, ...]:
         """Frames of which the camera has an image."""
@@ -140,7 +140,7 @@ class Log(Protocol):
 
 
 def no_mask(camera: str) -> NDArray[np.bool_] | None:
-    """No mask of any camera."""
+    """Return None: there is no mask of any camera."""
     return None
 
 
@@ -152,17 +152,17 @@ class LogExtras:
     """
 
     classes: Mapping[str, Motion] = field(default_factory=dict)
-    """How actors of each of the log's classes move, before the tables of `classes`: {"robot": "deforming"}."""
+    """Kinds of motion of the log's classes, before the tables of `classes`: {"robot": "deforming"}."""
     own_vehicle_mask: Callable[[str], NDArray[np.bool_] | None] = no_mask
-    """A method: of a camera's name, where its images show the vehicle itself, (H, W) bool of their recorded size; None where the
-    log does not say."""
+    """Function from a camera's name to the mask (H, W) bool, at the recorded size, of pixels that show the vehicle
+    itself; None where the log has none."""
     files: tuple[Path, ...] = ()
     """The files that images and sweeps are read from, of a log that is named by one of its files; `log_digest` reads them."""
     notes: Mapping[str, str] = field(default_factory=dict)
     """Notes so far for a user from reading images and sweeps, a sentence a matter: `image_files.Notes`."""
     road: Mapping[int, bool] = field(default_factory=dict)
-    """Which semantic classes of sweeps are road, and which ones something else that stands, by their numbers; others, as
-    vehicles', say nothing of what is below them. Empty where sweeps have no classes."""
+    """Whether semantic classes of sweeps, by their numbers, are road or something else that stands; other classes, as
+    vehicles', do not tell what is below them. Empty where sweeps have no classes."""
 
 
 def extras_of(log: Log) -> LogExtras:

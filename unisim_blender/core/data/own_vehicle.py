@@ -1,7 +1,7 @@
-"""The recording vehicle's own body in its cameras' images: a bonnet, a roof. It rides along, so it is no
+"""The recording vehicle's own body in its cameras' images: a bonnet, a roof. It moves with the cameras, so it is not
 part of the scene.
 
-What shows it is told from the images alone: its outline stays where it is while everything else goes by.
+It is found from the images alone: its outline stays in place while everything else moves.
 """
 
 from __future__ import annotations
@@ -22,20 +22,21 @@ from .log import Log, extras_of
 
 LEAST_IMAGES = 8
 LEAST_MOVED_M = 0.5
-"""How many images an outline is looked for in at least, and how far the vehicle moves from one to the next: while it
-stands still, everything stays where it is."""
+"""Smallest number of images in which an outline is sought, and smallest distance, metres, between two of them: while
+the vehicle stands, everything stays in place."""
 WIDTH = 480
-"""Images are made smaller to about this width, in pixels, before an outline is looked for."""
+"""Approximate width, pixels, to which images are reduced before an outline is sought."""
 LASTING_MEAN, LASTING_LOW = 0.85, 0.8
-"""How much of an edge has to stay the same over all images for it to be the vehicle's outline: on average along the
-outline, and at its 10th percentile. 1 is an edge that is the same in every image. In a recorded drive with six cameras,
-the one camera that shows the vehicle has 0.95 and 0.93; the others have at most 0.73 and 0.60."""
+"""Smallest constancy of an edge over all images that makes it the vehicle's outline: the mean along the outline, and
+its 10th percentile. 1 is an edge that is the same in every image. In a recorded drive with six cameras, the one camera
+that shows the vehicle has 0.95 and 0.93; the others have at most 0.73 and 0.60."""
 OUTSIDE_COST = 0.3
-"""Of a column in which an outline leaves what a lens shows: more than of a lasting edge, less than of any other."""
+"""Cost of a column in which an outline leaves what a lens shows: more than that of a constant edge, less than any
+other."""
 LEAST_KNOWN = 0.3
-"""Share of the columns with pixels that tell in which an outline has to lie among them."""
+"""Smallest share of the columns with known pixels in which an outline must lie among these."""
 STEEPEST = 3
-"""How many rows an outline may rise or fall from one column of pixels to the next."""
+"""Largest number of rows by which an outline rises or falls from one column of pixels to the next."""
 MARGIN_ROWS = 2
 
 Outline = NDArray[np.int64]
@@ -44,7 +45,7 @@ the vehicle."""
 
 
 def moved_frames(drive: Drive, frames: Sequence[int]) -> list[int]:
-    """Of the frames of the drive that are among ``frames``, those between which the vehicle moves."""
+    """Return the frames of the drive that are among ``frames`` and between which the vehicle moves."""
     moved: list[int] = []
     last: NDArray[np.float64] | None = None
     there = [frame for frame in frames if frame in drive.time_s]
@@ -57,9 +58,9 @@ def moved_frames(drive: Drive, frames: Sequence[int]) -> list[int]:
 
 
 def find_outline(images: Sequence[NDArray[np.uint8]], shown: BoolArray | None = None) -> Outline | None:
-    """The outline of the vehicle in images (H, W, 3) between which it moves; None where it is not in them,
-    or too few tell. ``shown`` (H, W): the pixels that the lens shows, where it does not show all; the border of them
-    stays where it is, too, and is no outline."""
+    """Return the outline of the vehicle in images (H, W, 3) between which it moves; None where it is not in them, or
+    there are too few. ``shown`` (H, W) bool: the pixels that the lens shows, where it does not show all; their border
+    stays in place, too, and is no outline."""
     if len(images) < LEAST_IMAGES:
         return None
     height, width = images[0].shape[:2]
@@ -86,7 +87,8 @@ def find_outline(images: Sequence[NDArray[np.uint8]], shown: BoolArray | None = 
 
 
 def given_outline(log: Log, camera: str, model: CameraModel) -> Outline | None:
-    """The outline, at the model's size, of the vehicle in the mask that the log has of a camera; None where it has none.
+    """Return the outline, at the model's size, of the vehicle in the log's mask of a camera; None where there is no
+    mask.
 
     An outline has one row for each column, so what lies beneath a marked pixel counts as the vehicle, too. Marked pixels of an
     image's upper half (a roof's edge) have no outline: they are left in, with a warning.
@@ -116,7 +118,7 @@ def given_outline(log: Log, camera: str, model: CameraModel) -> Outline | None:
 
 
 def joined(estimated: Outline | None, given: Outline | None) -> Outline | None:
-    """The outline of what either shows; both are of images of one size."""
+    """Return the outline of the union of two outlines in images of one size."""
     if estimated is None or given is None:
         return given if estimated is None else estimated
     return np.minimum(estimated, given)
@@ -137,7 +139,7 @@ def _well_inside(shown: BoolArray, step: int) -> BoolArray:
 _SMOOTH = np.exp(-0.5 * np.arange(-4, 5.0) ** 2)
 _SMOOTH /= _SMOOTH.sum()
 _SLOPE = np.arange(-4, 5.0) * _SMOOTH
-"""A Gaussian of one pixel, and its slope."""
+"""Slope of `_SMOOTH`, a Gaussian of one pixel."""
 
 
 def _filtered(values: NDArray[np.float64], weights: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
@@ -193,20 +195,19 @@ def _seam(cost: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def shows_scene(outline: Outline, height: int, u: FloatArray, v: FloatArray, size: tuple[int, int]) -> BoolArray:
-    """Which points u, v (...) of an image of ``size`` (width, height) show the scene and not the vehicle, whose outline
-    was found in images ``height`` high."""
+    """Return which points u, v (...), pixels, of an image of ``size`` (width, height) show the scene and not the
+    vehicle, whose outline was found in images ``height`` pixels high: (...) bool."""
     columns = np.clip((u / size[0] * len(outline)).astype(np.int64), 0, len(outline) - 1)
     return np.asarray(v / size[1] < outline[columns] / height)
 
 
 def outlines_to_json(outlines: dict[str, tuple[Outline, int]]) -> dict[str, Any]:
-    """Outlines by camera, with the height of the images that they were found in, as a trained scene's
-    header has them."""
+    """Return the JSON form, in a trained scene's header, of outlines by camera with the height of their images."""
     return {name: {"height": height, "rows": outline.tolist()} for name, (outline, height) in outlines.items()}
 
 
 def outlines_from_json(value: Any) -> dict[str, tuple[Outline, int]]:
-    """The other way round; what is no such object counts as none."""
+    """Return the outlines of `outlines_to_json`; none for any other value."""
     outlines = value if isinstance(value, dict) else {}
     return {
         str(name): (np.array(outline["rows"], np.int64), int(outline["height"])) for name, outline in outlines.items()
@@ -214,7 +215,7 @@ def outlines_from_json(value: Any) -> dict[str, tuple[Outline, int]]:
 
 
 def check_outlines(node: Node) -> Any:
-    """Return the JSON value of outlines by camera, once it is one. Raises the node's error."""
+    """Return the JSON value of outlines by camera. Raises the node's error for any other value."""
     for _, outline in node.members():
         outline.key("height").integer(at_least=1)
         if not len(outline.key("rows").array(-1)):

@@ -1,4 +1,4 @@
-"""Where the road is, of a log whose sweeps have semantic classes: cells seen from above."""
+"""Road cells, seen from above, of a log whose sweeps have semantic classes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .log import Log, extras_of
 
 CELL_M = 0.25
 EVERY_M = 1.0
-"""Sweeps are read where the vehicle has gone this far since the last one."""
+"""Distance, metres, that the vehicle moves from one sweep that is read to the next."""
 _ROW = np.int64(1) << 32
 _AROUND = np.array([x * _ROW + y for x in (-1, 0, 1) for y in (-1, 0, 1)])
 
@@ -26,8 +26,8 @@ class RoadCells:
     other: NDArray[np.int64]
 
     def look_up(self, points: FloatArray) -> tuple[BoolArray, BoolArray]:
-        """Return which points (N, 2) are on the road, and of which this is known, (N,) each. A cell without returns is like the
-        eight around it: road where one of them is, unknown where none has returns."""
+        """Return which points (N, 2), world frame, are on the road, and for which this is known: (N,) bool each. A cell
+        without returns is like the eight around it: road where one of them is, unknown where none has returns."""
         cells = _numbers(points)
         on, off = np.isin(cells, self.road), np.isin(cells, self.other)
         around = cells[:, None] + _AROUND

@@ -21,7 +21,7 @@ SEED24_VALIDATION = tuple(
 """Sequences on which perception is validated."""
 
 SEED24_TRAINING = tuple(sequence for sequence in PANDASET if sequence not in SEED24_VALIDATION)
-"""The other 79."""
+"""The other 79 sequences."""
 
 SPLITS = {
     "pandaset": PANDASET,

@@ -1,4 +1,4 @@
-"""Which beam and column of a spinning LiDAR each return belongs to, and the sweep as beams x columns."""
+"""Beam and column of each return of a spinning LiDAR, and sweeps as beams x columns."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from ..world.drive import Lidar, LidarModel
 from .log import Drops, Log, OtherReturns, Sweep, SweepGrid, SweepRays
 
 MAX_ELEVATION_ERROR_RAD = np.radians(0.5)
-"""A return further from every beam than this belongs to none."""
+"""Largest angle, radians, between a return and its beam."""
 BLOCKED_BELOW_RAD = np.radians(-10.0)
-"""Beams that look down more steeply meet the road within some ten metres: one that never returns is blocked."""
+"""Elevation, radians, below which beams hit the road within some ten metres: one that never returns is blocked."""
 
 
 def find_cells(local: FloatArray, model: LidarModel) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Beam and column (N,), both -1 where no beam fits, of points (N, 3) in the sensor's frame at their own time."""
+    """Return beam and column (N,), both -1 where no beam fits, of points (N, 3) in the sensor's frame at their own
+    time."""
     elevation = np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1]))
     azimuth = np.arctan2(local[:, 1], local[:, 0])
     rising = np.argsort(model.elevation_rad, kind="stable")
@@ -40,7 +41,8 @@ def find_cells(local: FloatArray, model: LidarModel) -> tuple[NDArray[np.int32],
 def _nearest_column(
     azimuth: FloatArray, columns_rad: FloatArray, direction: int
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """The column (N,) whose azimuth is nearest, and whether it is no further off than columns are from each other there."""
+    """Return the column (N,) of the nearest azimuth, and whether (N,) it is no further off than columns are apart
+    there."""
     along = direction * np.unwrap(columns_rad)
     steps = np.diff(along) if len(along) > 1 else np.array([2 * np.pi])
     before = (
@@ -53,7 +55,8 @@ def _nearest_column(
 
 
 def rank_returns(ray: NDArray[np.int64], intensity: NDArray[np.float32], distance_m: FloatArray) -> NDArray[np.int32]:
-    """Rank (N,) of each return among those of its ``ray`` (N,), any numbers: 0 is the strongest, of equal ones the nearer."""
+    """Return the rank (N,) of each return among those of its ``ray`` (N,), any numbers: 0 is the strongest, of equal
+    ones the nearer."""
     order = np.lexsort((distance_m, -np.asarray(intensity, np.float64), ray))
     ordered = ray[order]
     begins = np.flatnonzero(np.append(True, ordered[1:] != ordered[:-1])[: len(ordered)])
@@ -63,9 +66,10 @@ def rank_returns(ray: NDArray[np.int64], intensity: NDArray[np.float32], distanc
 
 
 def make_grid(sweep: Sweep, lidar: Lidar, frame: int, blocked: NDArray[np.bool_]) -> SweepGrid:
-    """The sweep as beams x columns: a return's own exact ray, for other cells the log's own ray or the beam table's.
+    """Return the sweep as beams x columns, with returns' own exact rays, and in other cells the log's rays or the beam
+    table's. ``blocked`` (beams, columns): cells that the vehicle blocks.
 
-    Of two returns in a cell the stronger stays where the sweep ranks them, else the nearer.
+    Of two returns in a cell the stronger is taken where the sweep ranks them, else the nearer.
     """
     model = lidar.model_at(lidar.time_s[frame])
     rays = lidar_rays(lidar, lidar.time_s[frame])
@@ -134,7 +138,7 @@ def known_rays(log: Log, lidar: str, frame: int) -> SweepRays:
 
 
 def sweep_rays(sweep: Sweep) -> SweepRays:
-    """The rays of a sweep whose LiDAR has no beam table: strongest returns and the drops that the log gives."""
+    """Return the rays of a sweep whose LiDAR has no beam table: strongest returns and the drops that the log gives."""
     offset = sweep.points - sweep.origins
     distance = np.linalg.norm(offset, axis=1)
     index = np.flatnonzero((distance > 0) & (True if sweep.rank is None else sweep.rank == 0))
@@ -177,8 +181,8 @@ def _turns(late_s: FloatArray, sweep_s: float) -> NDArray[np.int64]:
 
 
 def never_returned(sweeps: list[Sweep], model: LidarModel) -> NDArray[np.bool_]:
-    """Cells (beams, columns) that look down and return in none of the sweeps: the vehicle itself
-    stands in their way."""
+    """Return the cells (beams, columns) bool that look down and return in none of the sweeps: the vehicle blocks
+    them."""
     seen = np.zeros((model.beams, model.columns), np.bool_)
     for sweep in sweeps:
         known = sweep.ring >= 0

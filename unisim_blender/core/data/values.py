@@ -1,7 +1,7 @@
-"""The ranges that values of a log have, what of a log lies outside of them, and intensities, which come in several scales.
+"""Plausible ranges of a log's values, doubts about values outside of them, and the scales of intensities.
 
-What is measured is a handful of images and sweeps: each sensor's first, middle and last. A value outside of its range is no
-error but a doubt: one sentence with file, value and range.
+A few images and sweeps are measured: each sensor's first, middle and last. A value outside of its range is not an error
+but a doubt: one sentence with file, value and range.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from .image_files import Notes, image_header
 from .log import Log, Sweep, extras_of
 
 FULL_SCALES = (1.0, 255.0, 65535.0)
-"""Full scales of intensities: in layouts, and in files that others wrote in them."""
+"""Full scales of intensities, in layouts and in files that others wrote in them."""
 OUTLIERS = 1e-3
 """Largest share of a sweep's intensities above the full scale that does not indicate another scale."""
 MOST_TURN_RAD = 4 * np.pi
-"""An angle beyond this is none in radians."""
+"""Largest angle, radians; a larger one is in another unit."""
 FULLY, MOST_ALIKE = 0.99, 0.9
-"""Intensities are in no order where more than this share of them is 0, or as good as 1."""
+"""Intensity that counts as 1, and the largest share of intensities that may be 0, or 1."""
 SHARE = 0.5
 """Smallest share of a log's returns, steps or boxes that a property must hold for; it is doubted below that."""
 LEAST_SPEED_M_S = 2.0
 """Lowest speed, metres per second, at which motion determines a heading."""
 FEWEST, FEWEST_RETURNS = 3, 100
-"""Steps of a trajectory, and boxes, that tell anything, and returns of a sweep."""
+"""Smallest number of steps of a trajectory, or of boxes, and of returns of a sweep, that are judged."""
 SAMPLED_STEPS = 200
 FACTORS = {1e-9: "nano", 1e-6: "micro", 1e-3: "milli", 1e-2: "centi", 1e3: "kilo"}
 
 
 @dataclass(frozen=True)
 class Range:
-    """From where to where a quantity lies in the drives of vehicles, its unit, and what it usually is, where it has one that
-    files may mistake."""
+    """Plausible range, ``low`` to ``high``, of a quantity in drives of vehicles, its unit, and its ``usual`` value,
+    where files may have another unit."""
 
     what: str
     low: float
@@ -51,7 +51,8 @@ class Range:
     usual: float = 0.0
 
     def doubt(self, where: object, value: float) -> Iterator[str]:
-        """Give a sentence where a value of ``where`` lies outside of the range, and which unit it would fit in."""
+        """Yield a sentence where a value of ``where`` lies outside of the range, with the unit in which it would
+        fit."""
         if self.low <= value <= self.high:
             return
         hint = ""
@@ -135,7 +136,7 @@ class Intensities:
 
 
 def _is_unit(values: NDArray[np.floating[Any]]) -> bool:
-    """Whether intensities are fractions up to 1."""
+    """Return whether intensities (N,) are fractions up to 1."""
     return bool(0 < values.max(initial=0.0) <= 1 and (values != np.floor(values)).any())
 
 
@@ -151,15 +152,15 @@ def spread(frames: Collection[int]) -> list[int]:
 
 
 def check_angles(where: object, what: str, angles: FloatArray) -> None:
-    """Raise `LogError` for an angle that is none in radians."""
+    """Raise `LogError` for an angle that is too large to be in radians."""
     most = float(np.abs(angles).max(initial=0.0))
     if most > MOST_TURN_RAD:
         raise LogError(f"{where}: {what} is {most:g}, which is no angle in radians; degrees are not read")
 
 
 def time_unit(times: FloatArray) -> float:
-    """Return how many seconds the unit of frames' times (T,) is: 1, or that of milli-, micro- or nanoseconds where seconds are
-    too far apart for frames."""
+    """Return the unit of frames' times (T,) in seconds: 1, or that of milli-, micro- or nanoseconds where seconds would
+    be too far apart for frames."""
     step = float(np.median(np.diff(times))) if len(times) > 1 else STEP.low
     if step <= STEP.high:
         return 1.0
@@ -175,9 +176,10 @@ def check_times(path: Path, drive: Drive) -> None:
 
 
 def doubts(log: Log, cameras: Collection[str] | None = None, lidars: Collection[str] | None = None) -> list[str]:
-    """Return a sentence for each value of a log that does not fit its range, and for what reading it has converted.
+    """Return a sentence for each value of a log that lies outside of its range, and for each conversion made in reading
+    it.
 
-    Images and sweeps are looked at of some ``cameras`` and ``lidars``; of all where these are None.
+    Images and sweeps are those of ``cameras`` and ``lidars``; of all where these are None.
     """
     drive = log.drive
     sentences = [*_ego_doubts(log.path, drive), *_actor_doubts(log.path, drive)]

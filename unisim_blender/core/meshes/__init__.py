@@ -1,2 +1,1 @@
-"""Meshes that nobody recorded, standing in a drive: models and their files, what rays hit of them,
-how they are lit."""
+"""Mesh actors in a drive: models and their files, hits of rays, lighting."""

@@ -19,9 +19,9 @@ from .model import MeshPart, face_normals, texture_of
 TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 AXES = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
-"""Our axes of glTF's, whose z points forward, x left and y up."""
+"""Rotation (3, 3) from glTF's axes, x left, y up, z forward, to those of actors."""
 MOST_ZEROS = 1 << 24
-"""Elements of an accessor that stores none, at most."""
+"""Largest number of elements of an accessor that stores none."""
 READ = {
     "KHR_mesh_quantization",
     "KHR_texture_transform",
@@ -43,7 +43,8 @@ REPEAT = 10497
 
 
 def read_gltf(path: Path, notes: list[str]) -> list[MeshPart]:
-    """The triangles in a file, in our axes; ``notes`` gets a sentence on each thing that is left out.
+    """Return the triangles in a file, in actors' axes, metres; ``notes`` gets a sentence on each thing that is left
+    out.
 
     Raises `ScenarioError`, also for an extension that the file requires and that is not read.
     """
@@ -101,7 +102,7 @@ class _Reader:
                 self.note(f"the glTF extension {name} is not read")
 
     def item(self, kind: str, index: Any) -> dict[str, Any]:
-        """The object of a list of the document that an index names."""
+        """Return the object of this index in a list of the document."""
         items = self.document.get(kind, [])
         if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < len(items):
             raise self.fail(f"{kind}[{short(index)}] is named and not there: there are {len(items)}")

@@ -1,8 +1,8 @@
-"""Where a sensor's rays hit meshes, and what the meshes show there.
+"""Hits of a sensor's rays on meshes, and the meshes' appearance there.
 
-Several rays go through each pixel of an image, so that a mesh's outline is as smooth as the recorded image; how much of
-a cell they cover becomes how much of the cell's ray the mesh stops, and so it takes its place among what
-the fields hold. Its normals and colours are interpolated where a ray hits it, and lit simply.
+Several rays go through each pixel of an image, so that a mesh's outline is as smooth as the recorded image. The
+fraction of a cell that they cover is the mesh's opacity on the cell's ray, by which it is composited with the fields.
+Normals and colours are interpolated at a hit, and lit by a simple model.
 """
 
 from __future__ import annotations
@@ -26,14 +26,15 @@ from .model import MeshModel
 from .read import read_mesh
 
 SKY, SUN = 0.65, 0.35
-"""How much of the light on level ground comes from all over the sky, and how much from the sun."""
+"""Fractions of the light on level ground that come from the sky and from the sun."""
 TO_SUN = np.array([0.42, 0.32, 0.85]) / np.linalg.norm([0.42, 0.32, 0.85])
-"""A direction that no recording told: from above, a little from one side, so that a body's faces differ."""
+"""Assumed unit direction (3,) to the sun, world frame: from above, slightly from one side, so that a body's faces
+differ."""
 _LINEAR = linear_from_srgb(np.arange(256, dtype=np.float32) / 255)
 
 
 def normals_at(model: MeshModel, hits: FirstHits, directions: FloatArray) -> FloatArray:
-    """Unit normals (N, 3) of hits, in the model's axes, on the side that rays of directions (N, 3) come from."""
+    """Return unit normals (N, 3) of hits, in the model's axes, on the side that rays of directions (N, 3) come from."""
     normal = _at(model.normals, hits).astype(np.float64)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     normal = np.where(length > 1e-6, normal / np.where(length > 1e-6, length, 1.0), -directions)
@@ -41,7 +42,7 @@ def normals_at(model: MeshModel, hits: FirstHits, directions: FloatArray) -> Flo
 
 
 def colours_at(model: MeshModel, hits: FirstHits) -> FloatArray:
-    """Colours (N, 3) of the surface, linear Rec.709 in 0..1."""
+    """Return colours (N, 3) of the surface at hits, linear Rec.709 in 0..1."""
     colours = _at(model.colours, hits).astype(np.float64)
     texture = model.texture[hits.face]
     for i, image in enumerate(model.textures):
@@ -53,16 +54,20 @@ def colours_at(model: MeshModel, hits: FirstHits) -> FloatArray:
 
 
 def lit(colours: FloatArray, normals: FloatArray, level: FloatArray) -> FloatArray:
-    """Light (N, 3), linear, that surfaces of ``colours`` (N, 3) with unit ``normals`` (N, 3), world frame, send out,
-    from a sky and a sun without shadows, under which white level ground sends out ``level`` (N, 3)."""
+    """Return the linear brightness (N, 3) of surfaces of linear ``colours`` (N, 3) with unit ``normals`` (N, 3), world
+    frame, under a sky and a sun without shadows, where white level ground has brightness ``level`` (N, 3), or
+    (1, 3) for all."""
+    assert colours.shape == normals.shape, (colours.shape, normals.shape)
+    assert level.shape in (colours.shape, (1, 3)), (colours.shape, level.shape)
     sky = SKY * (1 + normals[:, 2]) / 2
     sun = SUN * np.maximum(normals @ TO_SUN, 0) / TO_SUN[2]
     return np.asarray(colours * level * (sky + sun)[:, None])
 
 
 def reflectivity(colours: FloatArray, cosine: FloatArray) -> FloatArray:
-    """LiDAR intensity (N,) in 0..1 of matt surfaces of linear ``colours`` (N, 3), hit at angles with
-    that cosine (N,)."""
+    """Return the LiDAR intensity (N,) in 0..1 of matt surfaces of linear ``colours`` (N, 3), hit at angles of incidence
+    with ``cosine`` (N,)."""
+    assert colours.shape == (*cosine.shape, 3), (colours.shape, cosine.shape)
     return np.asarray(np.clip(colours @ np.array([0.2126, 0.7152, 0.0722]) * np.abs(cosine), 0, 1))
 
 
@@ -89,17 +94,18 @@ def _bilinear(image: NDArray[np.uint8], uv: NDArray[np.float32]) -> FloatArray:
 
 
 SIDE = 3
-"""SIDE x SIDE rays go through a pixel."""
+"""Edge of the square of rays that go through a pixel."""
 CHUNK_RAYS = 1 << 18
 Level = Callable[[Actor], FloatArray]
-"""Light (3,) that white level ground under an actor sends out, linear."""
+"""Function from an actor to the linear brightness (3,) of white level ground under it."""
 
 
 @dataclass(frozen=True)
 class MeshHits:
-    """Rays that hit a mesh: their numbers ray (P,), rising; t (P,) metres; share (P,) of the ray that the mesh covers;
-    normals (P, 3), world frame; actor (P,) in the mesh actors' order. For a camera ``pixels`` (P, up, up, 4): what the
-    cell's pixels show, linear, and how much of each the mesh covers; for a LiDAR ``intensity`` (P,)."""
+    """Rays that hit a mesh: their numbers ray (P,), ascending; t (P,), metres; share (P,) in 0..1 of the ray that the
+    mesh covers; unit normals (P, 3), world frame; actor (P,), its index among the mesh actors. For a camera ``pixels``
+    (P, up, up, 4): linear colour of the cell's pixels and the fraction of each that the mesh covers; for a LiDAR
+    ``intensity`` (P,) in 0..1."""
 
     ray: NDArray[np.int64]
     t: FloatArray
@@ -110,7 +116,7 @@ class MeshHits:
     intensity: FloatArray | None = None
 
     def between(self, begin: int, end: int) -> MeshHits:
-        """Those of the rays from ``begin`` to before ``end``, numbered from there."""
+        """Return the hits of rays ``begin`` to ``end`` (exclusive), numbered from ``begin``."""
         first, last = np.searchsorted(self.ray, [begin, end])
         return MeshHits(
             self.ray[first:last] - begin,
@@ -123,9 +129,9 @@ class MeshHits:
     def over(
         self, image: NDArray[np.float32], stopped: NDArray[np.float32], shape: tuple[int, ...]
     ) -> NDArray[np.float32]:
-        """The image (H, W, 3), display-referred sRGB, of cells in that shape (h, w), with the meshes laid over it.
-        ``stopped`` (h w,) is how much of each cell's ray they stop: less than they cover where something
-        stands in front."""
+        """Return the image (H, W, 3), display-referred sRGB, of cells in ``shape`` (h, w), with the meshes blended over
+        it. ``stopped`` (h w,) is their opacity on each cell's ray: less than the covered share where something is in
+        front."""
         assert self.pixels is not None
         up = self.pixels.shape[1]
         layer = np.zeros((*shape, up, up, 4), np.float32).reshape(-1, up, up, 4)
@@ -149,7 +155,7 @@ class MeshActors:
         return tuple(actor.uid for actor in self.actors)
 
     def seen_by(self, sensor: Camera | Lidar) -> MeshActors:
-        """Those that a sensor can see; each has the same number as among all."""
+        """Return the mesh actors that a sensor can see; each has the same number as among all."""
         return self if sensor.sees_ego_body else self._without_bodies
 
     @cached_property
@@ -216,7 +222,8 @@ class MeshActors:
         return MeshHits(near[hit], t[hit], np.ones(hit.sum()), normals[hit], actor[hit], intensity=intensity)
 
     def _near(self, rays: Rays, widening: float) -> BoolArray:
-        """Which rays come near some mesh: into the sphere round its box, that much wider for each metre of distance."""
+        """Return which rays (N,) enter the sphere around some mesh's box, wider by ``widening`` for each metre of
+        distance."""
         times, which = moments(rays)
         near = np.zeros(len(which), bool)
         for actor in self.actors:
@@ -224,8 +231,8 @@ class MeshActors:
         return near
 
     def _first(self, rays: Rays, near_m: float) -> tuple[FloatArray, NDArray[np.int64], FloatArray, FloatArray]:
-        """t (N,), actor (N,) or -1, normals (N, 3) world frame, colours (N, 3) linear, of the first
-        mesh on each ray."""
+        """Return t (N,), actor (N,) or -1, normals (N, 3) world frame, colours (N, 3) linear, of the first mesh on each
+        ray."""
         times, which = moments(rays)
         n = len(which)
         t, owner = np.full(n, np.inf), np.full(n, -1)
@@ -246,14 +253,15 @@ class MeshActors:
 
 
 def moments(rays: Rays) -> tuple[FloatArray, NDArray[np.int64]]:
-    """The different times (T,) of rays, and which of them is each ray's (N,): those of a row or a
-    column share theirs."""
+    """Return the different times (T,) of rays, and the index (N,) of each ray's time: rays of a row or column share
+    theirs."""
     times, which = np.unique(rays.time_s, return_inverse=True)
     return times, which.reshape(-1)
 
 
 def near_actor(actor: Actor, poses: FloatArray, which: NDArray[np.int64], rays: Rays, widening: float) -> BoolArray:
-    """Which rays come near one actor, whose poses (T, 4, 4) are those of the rays' different times."""
+    """Return which rays (N,) come near one actor, whose poses (T, 4, 4) are those of the rays' different times, of
+    index ``which`` (N,)."""
     present = actor.present(rays.time_s)
     to = poses[which, :3, 3] - rays.origins
     along = np.einsum("ij,ij->i", to, rays.directions)
@@ -271,7 +279,8 @@ def _cell_means(
     normals: FloatArray,
     light: FloatArray,
 ) -> MeshHits:
-    """One entry a cell of many rays' (cells * side * side) hits; cells without any are left out."""
+    """Return one entry for each cell, of the hits of its rays (cells * side * side,); cells without any are left
+    out."""
     per_cell = (len(cells), (up * SIDE) ** 2)
     hits = hit.reshape(per_cell)
     some = hits.any(1)

@@ -1,5 +1,4 @@
-"""The first triangle on each ray: by the compiled hierarchy of boxes, or one triangle after the other
-where it is absent."""
+"""The first triangle on each ray: by the compiled hierarchy of boxes, or by numpy, triangle by triangle, without it."""
 
 from __future__ import annotations
 
@@ -38,7 +37,8 @@ def first_hits_on(
 
 
 def normals_of(actor: Actor, poses: FloatArray, normals: FloatArray) -> FloatArray:
-    """Unit normals (N, 3) of triangles in the actor's own axes, in the world: through the inverse of the scale."""
+    """Return unit normals (N, 3), world frame, of normals (N, 3) in the actor's own axes, by poses (N, 4, 4) and the
+    inverse of the scale."""
     if actor.is_scaled:
         normals = normals / np.array(actor.scale)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
@@ -48,16 +48,16 @@ def normals_of(actor: Actor, poses: FloatArray, normals: FloatArray) -> FloatArr
 NODE = np.dtype([("low", np.float32, 3), ("first", np.int32), ("high", np.float32, 3), ("faces", np.int32)])
 """`unisim_bvh_node` of native/unisim_native.h."""
 PAIRS = 1 << 20
-"""Rays times triangles that the plain way looks at together."""
+"""Number of pairs of ray and triangle that the numpy reference tests at once."""
 
 
 DEEPEST = 100
-"""Levels of a hierarchy at most; the kernel walks through 128."""
+"""Largest number of levels of a hierarchy; the kernel walks through 128."""
 
 
 class FirstHits(NamedTuple):
-    """t (N,) along each ray, inf where it hits nothing; face (N,), -1 for none; uv (N, 2), where on the face: towards
-    its second and third corner."""
+    """First hits of rays: t (N,) along the ray, inf where it hits nothing; face (N,), -1 for none; uv (N, 2), the
+    weights of the face's second and third corner."""
 
     t: FloatArray
     face: NDArray[np.int32]
@@ -65,8 +65,8 @@ class FirstHits(NamedTuple):
 
 
 class Triangles:
-    """vertices (V, 3) float32 and faces (F, 3) int32, ready to be hit by rays. ``boxes``, nodes and order, may be those
-    that the same triangles had before. Raises `ScenarioError` for faces that are none."""
+    """Triangles, vertices (V, 3) float32 and faces (F, 3) int32, with the hierarchy of boxes for rays. ``boxes``, nodes
+    and order, may be given from an earlier build of the same triangles. Raises `ScenarioError` for invalid faces."""
 
     def __init__(
         self,
@@ -86,7 +86,9 @@ class Triangles:
             self.boxes = nodes[:used].copy(), order
 
     def first_hits(self, origins: FloatArray, directions: FloatArray, near_m: float) -> FirstHits:
-        """Return the first hits beyond ``near_m`` of rays (N, 3) with unit directions, in the triangles' axes."""
+        """Return the first hits beyond ``near_m`` of rays, origins and unit directions (N, 3), in the triangles'
+        axes."""
+        assert origins.shape == directions.shape == (len(origins), 3), (origins.shape, directions.shape)
         lib = native.library()
         if lib is None or self.boxes is None:
             return first_hits_reference(self, origins, directions, near_m)
@@ -99,7 +101,8 @@ class Triangles:
 
 
 def check_boxes(nodes: NDArray[Any], order: NDArray[Any], faces: int) -> None:
-    """Raise ValueError unless nodes and order are a hierarchy over so many faces: kernels read wherever it points."""
+    """Raise ValueError unless nodes and order are a hierarchy over ``faces`` faces: kernels follow its indices
+    unchecked."""
     if nodes.dtype != NODE or nodes.ndim != 1 or order.dtype != np.int32 or order.shape != (faces,) or not len(nodes):
         raise ValueError("is no hierarchy of boxes")
     if len(order) and not 0 <= int(order.min()) <= int(order.max()) < faces:
@@ -126,7 +129,7 @@ def check_boxes(nodes: NDArray[Any], order: NDArray[Any], faces: int) -> None:
 
 
 class Mesh(Triangles):
-    """A model that is ready to be hit by rays."""
+    """A model with its hierarchy of boxes for rays."""
 
     def __init__(self, model: MeshModel) -> None:
         super().__init__(model.vertices, model.faces)
@@ -135,14 +138,14 @@ class Mesh(Triangles):
 
 @lru_cache(maxsize=16)
 def ready(model: MeshModel) -> Mesh:
-    """The model's `Mesh`, made once."""
+    """Return the model's `Mesh`, built once."""
     return Mesh(model)
 
 
 def first_hits_reference(
     mesh: MeshModel | Triangles, origins: FloatArray, directions: FloatArray, near_m: float
 ) -> FirstHits:
-    """`Triangles.first_hits`, every ray against every triangle (Moeller and Trumbore, 1997)."""
+    """`Triangles.first_hits` in numpy, every ray against every triangle (Moeller and Trumbore, 1997)."""
     corners = mesh.vertices.astype(np.float64)[mesh.faces]
     a, ab, ac = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     t, face, uv = (

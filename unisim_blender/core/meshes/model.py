@@ -19,15 +19,16 @@ from ..files import partial_file, read_arrays
 from ..geometry import FloatArray
 
 GREY = 0.5
-"""The colour of what states none, sRGB."""
+"""Colour of a mesh whose file states none, sRGB in 0..1."""
 SHARP = np.cos(np.radians(40))
 """Cosine of the angle between faces beyond which a computed normal is not smoothed over their edge."""
 
 
 @dataclass
 class MeshPart:
-    """Triangles: vertices (V, 3), faces (F, 3), linear colours (F, 3, 3) of their corners. normals (F, 3, 3) are those
-    of the file, None where it has none. uv (F, 3, 2) from the lower left, with texture (H, W, 3), or both None."""
+    """Triangles: vertices (V, 3), metres, faces (F, 3), linear colours (F, 3, 3) of their corners in 0..1. normals (F,
+    3, 3) are those of the file, None where it has none. uv (F, 3, 2) from the lower left, with texture (H, W, 3) uint8
+    sRGB, or both None."""
 
     vertices: FloatArray
     faces: NDArray[Any]
@@ -38,7 +39,7 @@ class MeshPart:
 
 
 def joined(parts: Sequence[MeshPart], path: Path) -> MeshModel:
-    """One model of parts, without the vertices that no face names. Raises `ScenarioError`."""
+    """Return one model of parts, without the vertices that no face names. Raises `ScenarioError`."""
     textures: dict[int, tuple[int, NDArray[np.uint8]]] = {}
     columns: list[tuple[NDArray[Any], ...]] = []
     first = 0
@@ -69,8 +70,8 @@ def joined(parts: Sequence[MeshPart], path: Path) -> MeshModel:
 
 
 def smoothed(vertices: FloatArray, faces: NDArray[Any]) -> NDArray[Any]:
-    """Normals (F, 3, 3) of faces' corners: the mean of the faces round a place, weighted by their angles there; the
-    face's own where that is across a sharp edge."""
+    """Return normals (F, 3, 3) of faces' corners: the mean over the faces around a vertex, weighted by their angles
+    there; the face's own normal across a sharp edge."""
     flat = _flat(vertices, faces)
     corners = vertices[faces]
     sides = np.roll(corners, -1, 1) - corners
@@ -102,7 +103,8 @@ def _whole(normals: NDArray[Any], vertices: FloatArray, faces: NDArray[Any]) -> 
 
 
 def texture_of(content: bytes, name: str, path: Path) -> NDArray[np.uint8]:
-    """Pixels (H, W, 3), sRGB, of an image file's content. Raises `ScenarioError`, which names texture and mesh file."""
+    """Return the pixels (H, W, 3) uint8, sRGB, of an image file's content. Raises `ScenarioError`, which names texture
+    and mesh file."""
     from PIL import Image, UnidentifiedImageError  # here: Blender's own Python need not have it
 
     try:
@@ -115,8 +117,8 @@ def texture_of(content: bytes, name: str, path: Path) -> NDArray[np.uint8]:
 
 
 def texture_pixels(image: Any) -> NDArray[np.uint8]:
-    """Pixels (H, W, 3), sRGB, of an image that Pillow opened; 16 bits become the nearest 8, transparency is dropped.
-    Raises ValueError for modes whose range is not known."""
+    """Return the pixels (H, W, 3) uint8, sRGB, of an image that Pillow opened; 16 bits become the nearest 8,
+    transparency is dropped. Raises ValueError for modes whose range is not known."""
     if image.mode.startswith("I"):
         wide = np.asarray(image).astype(np.int64)
         if wide.size and (wide.min() < 0 or wide.max() > 65535):
@@ -129,16 +131,16 @@ def texture_pixels(image: Any) -> NDArray[np.uint8]:
 
 SUFFIX = ".npz"
 MOST = 1e6
-"""No coordinate, colour or normal is larger."""
+"""Largest absolute coordinate, colour or normal."""
 FLAT = -1
-"""The texture of a triangle that has none."""
+"""Texture number of a triangle without a texture."""
 
 
 @dataclass(frozen=True, eq=False)
 class MeshModel:
-    """vertices (V, 3) float32, faces (F, 3) int32; for each face's corners normals (F, 3, 3), colours (F, 3, 3) linear
-    Rec.709 in 0..1, and uv (F, 3, 2), from the lower left of texture ``texture`` (F,), `FLAT` for none. textures:
-    (H, W, 3) uint8 sRGB, top row first; they multiply the colours."""
+    """A mesh's triangles: vertices (V, 3) float32, metres, faces (F, 3) int32; for each face's corners unit normals (F,
+    3, 3), colours (F, 3, 3) linear Rec.709 in 0..1, and uv (F, 3, 2), from the lower left of texture ``texture`` (F,),
+    `FLAT` for none. textures: (H, W, 3) uint8 sRGB, top row first; they multiply the colours."""
 
     vertices: NDArray[np.float32]
     faces: NDArray[np.int32]
@@ -155,14 +157,15 @@ class MeshModel:
 
 
 def centred(model: MeshModel) -> tuple[MeshModel, FloatArray]:
-    """The model about the middle of its extent, and where that middle was (3,)."""
+    """Return the model with the middle of its extent at the origin, and where that middle was (3,)."""
     middle = (model.vertices.min(0).astype(np.float64) + model.vertices.max(0)) / 2
     moved = (model.vertices - middle).astype(np.float32)
     return MeshModel(moved, model.faces, model.normals, model.colours, model.uv, model.texture, model.textures), middle
 
 
 def face_normals(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> NDArray[np.float32]:
-    """Unit normals (F, 3) of triangles; those without area point up. Raises `ScenarioError` for faces that are none."""
+    """Return unit normals (F, 3) of triangles; those without area point up. Raises `ScenarioError` for invalid
+    faces."""
     check_faces(vertices, faces)
     a, b, c = (vertices[faces[:, k]].astype(np.float64) for k in range(3))
     normal = np.cross(b - a, c - a)
@@ -179,7 +182,7 @@ def write_model(model: MeshModel, path: Path) -> None:
 
 
 def read_model(path: Path) -> MeshModel:
-    """The model in its own file. Raises `ScenarioError`."""
+    """Return the model in its own file. Raises `ScenarioError`."""
     arrays = read_arrays(path, ScenarioError, "is no mesh file")
     textures = tuple(arrays[name] for name in sorted(arrays, key=lambda n: (len(n), n)) if name.startswith("texture_"))
     kinds = {"vertices": np.float32, "faces": np.int32, "normals": np.float32, "colours": np.float32, "uv": np.float32}
@@ -196,8 +199,7 @@ def read_model(path: Path) -> MeshModel:
 
 
 def check_faces(vertices: NDArray[Any], faces: NDArray[Any], place: Path | str = "a mesh") -> None:
-    """Raise `ScenarioError`, which names ``place``, unless faces (F, 3) are triangles of vertices (V, 3)
-    that are there."""
+    """Raise `ScenarioError`, which names ``place``, unless faces (F, 3) are indices of vertices (V, 3)."""
     for name, array in (("vertices", vertices), ("faces", faces)):
         if array.ndim != 2 or array.shape[1] != 3:
             wanted = "(V, 3)" if name == "vertices" else "(F, 3): every face must be a triangle"

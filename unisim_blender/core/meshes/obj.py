@@ -25,7 +25,7 @@ class _Material:
 
 
 def read_obj(path: Path, notes: list[str]) -> list[MeshPart]:
-    """An OBJ file's triangles, by material. Kd and vertex colours are taken as sRGB. Raises `ScenarioError`."""
+    """Return an OBJ file's triangles by material. Kd and vertex colours are taken as sRGB. Raises `ScenarioError`."""
     places: list[list[str]] = []
     coordinates: list[list[str]] = []
     directions: list[list[str]] = []

@@ -42,7 +42,8 @@ class _Element:
 
 
 def read_ply(path: Path, notes: list[str]) -> list[MeshPart]:
-    """A PLY file's triangles. Its colours are sRGB; integers are parts of their type's largest. Raises `ScenarioError`."""
+    """Return a PLY file's triangles. Its colours are sRGB; integers are fractions of their type's largest. Raises
+    `ScenarioError`."""
     elements, textures = _ply_elements(path.read_bytes(), path)
     vertex, face, strips = (elements.get(name, _Element(0)) for name in ("vertex", "face", "tristrips"))
     vertices = vertex.table("xyz")

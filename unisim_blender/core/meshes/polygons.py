@@ -17,12 +17,12 @@ from .model import GREY, MeshPart, texture_of
 
 Polygon = list[int]
 MOST_CORNERS = 256
-"""Of a concave polygon: the time that its triangles take grows with their cube."""
+"""Largest number of corners of a concave polygon: the time of its triangulation grows with their cube."""
 
 
 def file_beside(folder: Path, name: str) -> Path | None:
-    """The file that another one names: quotes are no part of the name, folders may be those of another machine, and
-    letters of either case; None where there is none."""
+    """Return the file that another one names; None where there is none. Quotes are removed from the name, its folders
+    may be those of another machine, and the case of letters may differ."""
     bare = name.strip().strip('"').strip("'").strip().replace("\\", "/")
     for text in dict.fromkeys((name.strip(), bare, bare.rpartition("/")[2])):
         if text and "\0" not in text and (folder / text).is_file():
@@ -40,8 +40,8 @@ def texture_beside(name: str, where: str, path: Path) -> NDArray[np.uint8]:
 
 
 def triangles_of(polygons: list[Polygon], vertices: FloatArray, notes: list[str]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Triangles of polygons, as places (F, 3) in the row of all their corners, and whose each is (F,): fans of convex
-    ones, ears of others."""
+    """Return the triangles of polygons as indices (F, 3) of all their corners in a row, and the number (F,) of each
+    one's polygon: fans of convex polygons, ears of others."""
     sizes = np.array([len(polygon) for polygon in polygons], np.int64)
     begins = np.cumsum(sizes) - sizes
     counts = np.maximum(sizes - 2, 0)
@@ -106,7 +106,7 @@ def check_corners(faces: NDArray[Any], count: int, path: Path, face: Callable[[i
 
 
 def read_off(path: Path, notes: list[str]) -> list[MeshPart]:
-    """An OFF file's triangles (Geomview): of vertices or faces with colours, sRGB. Raises `ScenarioError`."""
+    """Return an OFF file's triangles (Geomview), of vertices or faces with colours, sRGB. Raises `ScenarioError`."""
     lines = [line for line in (line.split("#", 1)[0].strip() for line in text_of(path).splitlines()) if line]
     head = re.match(r"(ST)?(C)?(N)?(4)?(n)?OFF\b(?!\s*BINARY)|(ST)?(C)?(N)?OFF(?=\d)", lines[0]) if lines else None
     if head is None or head[4] or head[5]:
@@ -173,6 +173,6 @@ def text_of(path: Path) -> str:
 
 
 def note(notes: list[str], sentence: str) -> None:
-    """Add a sentence to notes that lack it."""
+    """Add a sentence to notes, once."""
     if sentence not in notes:
         notes.append(sentence)

@@ -1,4 +1,4 @@
-"""Mesh files: our own, glTF, OBJ, PLY and OFF, and what else trimesh reads (STL, 3MF and more)."""
+"""Mesh files: our own, glTF, OBJ, PLY and OFF, and the other formats that trimesh reads (STL, 3MF and more)."""
 
 from __future__ import annotations
 
@@ -32,21 +32,23 @@ from .polygons import read_off
 
 READERS = {".gltf": read_gltf, ".glb": read_gltf, ".obj": read_obj, ".ply": read_ply, ".off": read_off}
 LARGEST_M, SMALLEST_M = 100.0, 0.05
-"""Extents beyond which a file's unit is doubted."""
+"""Largest and smallest extent, metres, at which a file's unit is not doubted."""
 
 
 def read_mesh(path: Path) -> MeshModel:
-    """The mesh in a file, about the middle of its extent. Warns once of what `mesh_notes` says. Raises `ScenarioError`."""
+    """Return the mesh in a file, the middle of its extent at the origin. Warns once of `mesh_notes`. Raises
+    `ScenarioError`."""
     return _read(path, _changed(path))[0]
 
 
 def mesh_size_m(path: Path) -> FloatArray:
-    """The extent (3,) of the mesh in a file, which is its actor's box. Raises `ScenarioError`."""
+    """Return the extent (3,), metres, of the mesh in a file, which is its actor's box. Raises `ScenarioError`."""
     return read_mesh(path).size_m
 
 
 def mesh_notes(path: Path) -> tuple[str, ...]:
-    """A sentence, which names the file, on each thing in it that is left out or doubted. Raises `ScenarioError`."""
+    """Return a sentence, which names the file, on each thing in it that is left out or doubted. Raises
+    `ScenarioError`."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return _read(path, _changed(path))[1]

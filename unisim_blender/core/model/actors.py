@@ -1,6 +1,6 @@
-"""Actors' fields. What an actor is of its own is a row of ``tables``; the network behind that is shared by all.
+"""Fields of actors. Each actor has a row of ``tables``; the network after it is shared by all.
 
-A trained scene keeps the tables; only training needs what they are made of.
+A trained scene has the tables; only training needs the parameters that they are computed from.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from .networks import mlp, run_mlp
 from .shapes import LATENT_OCTAVES, actor_grid, actor_row, perceptrons
 
 INITIAL_DISTANCE_M, INITIAL_LOG_DENSITY = 0.3, -1.5
-"""An actor's box is entered from outside: there its field must not stop a ray from the start."""
+"""Initial output of an actor's field: it must not stop a ray that enters the box."""
 
 
 class ActorField(nn.Module, ABC):
     """Base class of the fields of actors. ``row`` is the shape of one actor's own parameters."""
 
     OWN: tuple[str, ...]
-    """Names of what the tables are made of."""
+    """Names of the parameters that the tables are computed from."""
     row: tuple[int, ...]
     network: nn.Sequential
 
@@ -40,40 +40,41 @@ class ActorField(nn.Module, ABC):
 
     @abstractmethod
     def tables(self) -> Tensor:
-        """Every actor's own (actors, *row)."""
+        """Return the rows (actors, *row) of all actors."""
 
     @abstractmethod
     def _query(self, tables: Tensor, x: Tensor, actor: Tensor, outputs: int | None) -> Tensor: ...
 
     def own(self) -> list[nn.Parameter]:
-        """The parameters that `tables` is made of."""
+        """Return the parameters that `tables` is computed from."""
         return [parameter for name, parameter in self.named_parameters() if name.startswith(self.OWN)]
 
     def drop_own(self) -> None:
-        """Leave only what baked tables need."""
+        """Remove the parameters that `tables` is computed from: baked tables take their place."""
         for name in self.OWN:
             delattr(self, name)
 
     def penalty(self) -> Tensor | None:
-        """Mean square of the latents, where there are any."""
+        """Return the mean square of the latents; None where there are none."""
         latents = self.get_parameter("latents") if "latents" in self.OWN else None
         return None if latents is None or not len(latents) else latents.square().mean()
 
     def forward(self, tables: Tensor, x: Tensor, actor: Tensor) -> tuple[FieldValues, Tensor]:
-        """Values (N,) and features (N, F) at points x (N, 3) in the unit cube of each point's actor (N,)."""
+        """Return values (N,) and features (N, F) at points x (N, 3) in the unit cube of each point's actor (N,)
+        int64."""
         output, feature = parts(self._query(tables, x, actor, None))
         return values_of(self.density, output), feature
 
     def values(self, tables: Tensor, x: Tensor, actor: Tensor) -> FieldValues:
-        """Values (N,) alone."""
+        """Return the values (N,) alone."""
         return values_of(self.density, self._query(tables, x, actor, 1)[:, 0])
 
     def signed_distance(self, tables: Tensor, x: Tensor, actor: Tensor) -> Tensor:
-        """Signed distances (N,) in metres; TypeError where the field says densities."""
+        """Return signed distances (N,), metres. Raises TypeError for a field of densities."""
         return signed_distances(self.values(tables, x, actor))
 
     def log_density(self, tables: Tensor, x: Tensor, actor: Tensor) -> Tensor:
-        """Logarithms (N,) of densities in 1 / metres; TypeError where the field says signed distances."""
+        """Return logarithms (N,) of densities in 1 / metres. Raises TypeError for a field of signed distances."""
         return log_densities(self.values(tables, x, actor))
 
 
@@ -149,7 +150,7 @@ class LatentActors(ActorField):
 
 
 def actor_field(config: ModelConfig, actors: int) -> ActorField:
-    """The configuration's field of so many actors."""
+    """Return the configuration's field of ``actors`` actors."""
     kinds: dict[str, Callable[[ModelConfig, int], ActorField]] = {
         "hypernetwork": HypernetworkActors,
         "tables": GridActors,

@@ -36,7 +36,7 @@ from .volume import Volume
 
 @dataclass
 class TorchScene:
-    """A trained scene, ready to render: header, model, and every actor's own (actors, ...), baked."""
+    """A trained scene, ready to render: header, model, and the baked tables (actors, ...) of its actors."""
 
     path: Path
     header: SceneHeader
@@ -64,12 +64,12 @@ def _pack(model: SceneModel) -> dict[str, Tensor]:
 
 
 Beside = Callable[[SceneHeader, Weights], dict[str, NDArray[Any]]]
-"""Arrays that follow from a scene's header and weights."""
+"""Function from a scene's header and weights to further arrays that are stored with them."""
 
 
 def save_scene(path: Path, header: SceneHeader, model: SceneModel, beside: Beside | None = None) -> None:
-    """Write both files; each appears under its name only when it is complete. The weights hold what ``beside``
-    gives, too."""
+    """Write both files; each appears under its name only when it is complete. The weights include the arrays of
+    ``beside``."""
     from safetensors import SafetensorError  # here: what renders does not need it
     from safetensors.torch import save_file
 

@@ -26,7 +26,7 @@ class GridConfig:
 
 @dataclass(frozen=True)
 class SampleConfig:
-    """Samples a ray. Proposals evaluate the signed distance or the density only, to place the others."""
+    """Numbers of samples of a ray. Proposals evaluate the signed distance or the density only, to place the others."""
 
     static_proposals: int
     static: int
@@ -100,7 +100,7 @@ class ModelConfig:
 
 
 def _renamed(values: dict[str, Any]) -> dict[str, Any]:
-    """Values by today's names. TypeError where one is given by both of its names."""
+    """Return values by current names. Raises TypeError where a member has both of its names."""
     if twice := [f"{old} and {new}" for old, new in _FORMER_MEMBERS.items() if old in values and new in values]:
         raise TypeError(f"{twice[0]} are both given, and are the same")
     return {_FORMER_MEMBERS.get(name, name): value for name, value in values.items()}

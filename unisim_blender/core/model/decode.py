@@ -1,4 +1,4 @@
-"""From composited features to what a sensor measures."""
+"""Decoders of composited features to a sensor's measurements."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ class ColourHead(nn.Module):
         self.network = mlp(*perceptrons(config)["colour_head.network"])
 
     def forward(self, feature: Tensor, directions: Tensor) -> Tensor:
-        """The features (N, F)."""
+        """Return the features (N, F), the first three of which are a colour in 0..1."""
         colour = torch.sigmoid(self.network(torch.cat([feature, spherical_harmonics(directions)], -1)))
         return torch.cat([colour, feature[:, 3:]], -1)
 
 
 class SampleColours(nn.Module):
-    """In `RayHead`'s place: the colours (N, 3) that samples had, composited."""
+    """Head in place of `RayHead` for samples with colours: their composited colours (N, 3)."""
 
     def forward(self, feature: Tensor, directions: Tensor, camera: Tensor) -> Tensor:
         """See `RayHead`."""
@@ -49,7 +49,7 @@ class SampleColours(nn.Module):
 
 
 class NoDecoder(nn.Module):
-    """In `CameraDecoder`'s place: colours (B, 3, H, W) are the image."""
+    """Decoder in place of `CameraDecoder` for composited colours (B, 3, H, W), which are the image."""
 
     reach = 0
 
@@ -90,7 +90,7 @@ class CameraDecoder(nn.Module):
         """How many feature cells away an output pixel can depend on."""
 
     def forward(self, features: Tensor) -> Tensor:
-        """The image, display-referred sRGB."""
+        """Return the image, display-referred sRGB."""
         out = self.last(F.relu(self.blocks(features))) if self.reach else self._apart(features)
         return torch.sigmoid(F.pixel_shuffle(out, self.upsample))
 
@@ -116,7 +116,8 @@ class LidarHead(nn.Module):
         self.network = mlp(*perceptrons(config)["lidar_head.network"])
 
     def forward(self, feature: Tensor, directions: Tensor, depth_m: Tensor, opacity: Tensor) -> tuple[Tensor, Tensor]:
-        """feature (N, F), directions (N, 3) unit, depth_m and opacity (N,)."""
+        """Return intensity (N,) in 0..1 and the logit (N,) of a return, of feature (N, F), unit directions (N, 3),
+        world frame, depth_m (N,), metres, and opacity (N,)."""
         # geometry answers to depth alone: a dark car that returns nothing is no hole
         reach = torch.stack([torch.log1p(depth_m) / 5, opacity], -1).detach()
         out = self.network(torch.cat([feature, spherical_harmonics(directions), reach], -1))

@@ -1,9 +1,9 @@
 """Fields of the static scene and of the background; actors are in actors.py. Each field maps points to one number and a
 feature.
 
-The number says what stops a ray: it is a signed distance in metres or, where the configuration's density is
-``volume``, minus the logarithm of a density in 1 / metres. A field gives it as what it is, see `FieldValues`. The
-background model gives densities.
+The number determines where a ray stops: it is a signed distance in metres or, where the configuration's density is
+``volume``, the logarithm of a density in 1 / metres; `FieldValues` has a type for each. The background model gives
+densities.
 """
 
 from __future__ import annotations
@@ -44,25 +44,25 @@ class VolumeFrame(torch.nn.Module):
     size_m: Tensor
 
     def recentred(self, points: FloatArray) -> Tensor:
-        """World points (..., 3) from the corner, subtracted in float64: float32 knows a place to 1e-7
-        of its distance."""
+        """Return world points (..., 3) measured from the corner, float32, subtracted in float64: float32 resolves 1e-7
+        of a distance."""
         return torch.as_tensor(points - self.corner).to(self.rotation.dtype).to(self.rotation.device)
 
     def points(self, x: Tensor) -> Tensor:
-        """Recentred points (..., 3) along the volume's axes."""
+        """Return recentred points (..., 3) along the volume's axes."""
         return x @ self.rotation.T
 
     def vectors(self, d: Tensor) -> Tensor:
-        """World directions (..., 3) along the volume's axes."""
+        """Return world directions (..., 3) along the volume's axes."""
         return d @ self.rotation.T
 
     def inside(self, x: Tensor) -> Tensor:
-        """Which points (..., 3) in volume coordinates lie in the volume: (...) bool."""
+        """Return which points (..., 3) in volume coordinates lie in the volume: (...) bool."""
         return ((x > 0) & (x < self.size_m)).all(-1)
 
     def span(self, o: Tensor, d: Tensor, near_m: float) -> tuple[Tensor, Tensor]:
-        """Where rays in volume coordinates (N, 3) are inside it: t_near, t_far (N,); t_far <= t_near
-        where they miss."""
+        """Return where rays o, d (N, 3), volume coordinates, are inside the volume: t_near, t_far (N,), metres, t_near
+        at least ``near_m``; t_far <= t_near where they miss."""
         safe = torch.where(d.abs() < 1e-9, torch.full_like(d, 1e-9), d)
         a, b = -o / safe, (self.size_m - o) / safe
         t_near = torch.minimum(a, b).amax(-1).clamp_min(near_m)
@@ -71,8 +71,8 @@ class VolumeFrame(torch.nn.Module):
 
 
 def contract(x: Tensor, radius_m: float) -> Tensor:
-    """Points (N, 3) about the origin into the unit cube: space within ``radius_m`` to its inner half, the
-    rest to the shell.
+    """Map points (N, 3) around the origin into the unit cube: space within ``radius_m`` to its inner half, the rest to
+    the shell.
 
     mip-NeRF 360's contraction (Barron et al., 2022, eq. 10), moved from the ball of radius 2 into [0, 1].
     """
@@ -82,7 +82,7 @@ def contract(x: Tensor, radius_m: float) -> Tensor:
 
 
 def contract_direction(d: Tensor) -> Tensor:
-    """Where a ray ends at infinity: directions (N, 3) on the shell of `contract`."""
+    """Map directions (N, 3) to the shell of `contract`, where rays end at infinity."""
     return d / 2 + 0.5
 
 
@@ -114,7 +114,8 @@ def values_of(density: Density, output: Tensor) -> FieldValues:
 
 
 def start_at(network: nn.Sequential, density: Density, distance_m: float, log_density: float) -> None:
-    """Set a new field to one value, a distance or the logarithm of a density: it is empty, a ray comes through it."""
+    """Set the output of a new field to one value, a distance or the logarithm of a density, so that rays pass through
+    it."""
     last = network[-1]
     assert isinstance(last, nn.Linear)
     with torch.no_grad():
@@ -136,7 +137,8 @@ class HashTable(nn.Module):
 
 
 def parts(out: Tensor) -> tuple[Tensor, Tensor]:
-    """The first column (N,) and the others (N, F); their gradients are put together in one go."""
+    """Split an output (N, 1 + F) into its first column (N,) and the others (N, F); their gradients are joined in one
+    step."""
     first, others = out.split((1, out.shape[1] - 1), 1)
     return first[:, 0], others
 
@@ -159,20 +161,20 @@ class StaticField(nn.Module):
     size_m: Tensor
 
     def forward(self, x: Tensor) -> tuple[FieldValues, Tensor]:
-        """Values (N,) and features (N, F) at points (N, 3) in volume coordinates."""
+        """Return values (N,) and features (N, F) at points (N, 3) in volume coordinates."""
         output, feature = parts(self.grid.query(self.network, x / self.size_m))
         return values_of(self.density, output), feature
 
     def values(self, x: Tensor) -> FieldValues:
-        """Values (N,) alone: the last layer's other rows are not computed."""
+        """Return the values (N,) alone: the last layer's other rows are not computed."""
         return values_of(self.density, self.grid.query(self.network, x / self.size_m, 1)[:, 0])
 
     def signed_distance(self, x: Tensor) -> Tensor:
-        """Signed distances (N,) in metres; TypeError where the field says densities."""
+        """Return signed distances (N,), metres. Raises TypeError for a field of densities."""
         return signed_distances(self.values(x))
 
     def log_density(self, x: Tensor) -> Tensor:
-        """Logarithms (N,) of densities in 1 / metres; TypeError where the field says signed distances."""
+        """Return logarithms (N,) of densities in 1 / metres. Raises TypeError for a field of signed distances."""
         return log_densities(self.values(x))
 
 
@@ -192,20 +194,20 @@ class BackgroundModel(nn.Module):
             last.bias[0] = INITIAL_BACKGROUND_LOG_DENSITY
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Densities (N,), optical depth over the whole way beyond the volume, even in disparity, and features (N, F)
-        at points (N, 3) in volume coordinates."""
+        """Return densities (N,), as optical depth over the whole way beyond the volume, even in disparity, and features
+        (N, F) at points (N, 3) in volume coordinates."""
         raw, feature = parts(self.grid.query(self.network, self._contracted(x)))
         return _bounded_density(raw), feature
 
     def density(self, x: Tensor) -> Tensor:
-        """Densities (N,) alone."""
+        """Return the densities (N,) alone."""
         return _bounded_density(self.grid.query(self.network, self._contracted(x), 1)[:, 0])
 
     def _contracted(self, x: Tensor) -> Tensor:
         return contract(x - self.frame.size_m / 2, self.radius_m)
 
     def sky(self, d: Tensor) -> Tensor:
-        """Features (N, F) at infinity, along directions (N, 3) in volume axes."""
+        """Return features (N, F) at infinity, along directions (N, 3) in volume axes."""
         return self.grid.query(self.network, contract_direction(d))[:, 1:]
 
 
@@ -216,8 +218,8 @@ _TETRAHEDRON = torch.tensor([[1.0, -1, -1], [-1, -1, 1], [-1, 1, -1], [1, 1, 1]]
 def outward_gradient(
     outward: Callable[[Tensor], Tensor], x: Tensor, step_m: float, size_m: Tensor | None = None
 ) -> Tensor:
-    """Gradients (N, 3), a metre, at points x (N, 3), of what rises towards free space: of signed distances, metres
-    per metre.
+    """Return gradients (N, 3), per metre, at points x (N, 3), of a function ``outward`` that rises towards free space;
+    of signed distances, metres per metre.
 
     ``outward`` gets points (N * CORNERS, 3), each point's one after the other. ``size_m`` (N, 3) is what a unit of x
     measures along its axes, for points in an actor's unit cube.

@@ -1,6 +1,4 @@
-"""The small networks that every field is made of, modules that do not learn for once, and published weights from a file
-that the user gives.
-"""
+"""Small networks of the fields, modules with frozen parameters, and published weights from a file."""
 
 from __future__ import annotations
 
@@ -18,7 +16,8 @@ from ..ops.mlp import two_layers
 
 
 def mlp(width_in: int, hidden: int, width_out: int, layers: int = 2) -> nn.Sequential:
-    """``layers`` linear layers with ReLU between them; only the last has a bias, as in Instant-NGP."""
+    """Return a perceptron of ``layers`` linear layers with ReLU between them; only the last has a bias, as in
+    Instant-NGP."""
     widths = [width_in] + [hidden] * (layers - 1) + [width_out]
     parts: list[nn.Module] = []
     for i in range(layers):
@@ -30,7 +29,8 @@ def mlp(width_in: int, hidden: int, width_out: int, layers: int = 2) -> nn.Seque
 
 
 def run_mlp(network: nn.Sequential, x: Tensor, outputs: int | None = None) -> Tensor:
-    """``network``, as `mlp` makes it, at x (N, width); its first ``outputs`` columns alone, where that is given.
+    """Return the output (N, O) of ``network``, as `mlp` makes it, at x (N, width); its first ``outputs`` columns alone,
+    where that is given.
 
     One of two layers is the operation `two_layers`, deeper ones are plain torch.
     """
@@ -42,14 +42,15 @@ def run_mlp(network: nn.Sequential, x: Tensor, outputs: int | None = None) -> Te
 
 
 def two_layers_of(network: nn.Sequential, outputs: int | None = None) -> tuple[Tensor, Tensor, Tensor]:
-    """Weights (H, I) and (O, H) and bias (O,) of a network of two layers, for its first ``outputs`` columns or all."""
+    """Return weights (H, I) and (O, H) and bias (O,) of a network of two layers, for its first ``outputs`` columns or
+    all."""
     first, _, last = network
     assert isinstance(first, nn.Linear) and isinstance(last, nn.Linear)
     return first.weight, last.weight[:outputs], last.bias[:outputs]
 
 
 def spherical_harmonics(d: Tensor) -> Tensor:
-    """Real spherical harmonics of degree 0 to 3 (N, 16) of unit directions (N, 3).
+    """Return real spherical harmonics of degree 0 to 3 (N, 16) of unit directions (N, 3).
 
     Constants as in Sloan, "Stupid Spherical Harmonics Tricks", 2008, appendix A2.
     """
@@ -103,7 +104,7 @@ M = TypeVar("M", bound=nn.Module)
 
 
 def frozen(module: M) -> M:
-    """The module as it stands: one that shares its parameters' memory and through which they get no gradient."""
+    """Return a module that shares a module's parameters' memory and gives them no gradient."""
     twin = shallow(module)
     for name, parameter in module._parameters.items():
         twin._parameters[name] = None if parameter is None else parameter.detach()  # type: ignore[assignment]
@@ -113,7 +114,7 @@ def frozen(module: M) -> M:
 
 
 def shallow(module: M) -> M:
-    """A module of the same parts, any of which can be set to another without changing the first."""
+    """Return a shallow copy of a module: replacing its parts leaves the original unchanged."""
     twin = copy.copy(module)
     twin._parameters, twin._modules = dict(module._parameters), dict(module._modules)
     return twin

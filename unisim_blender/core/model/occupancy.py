@@ -1,4 +1,4 @@
-"""Which voxels of the volume can hold something: seeded by LiDAR, then by the weights that training gives them."""
+"""Occupancy of the volume's voxels: seeded by LiDAR, then updated by the weights of training's samples."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ from ..ops.propose import Voxels
 from .shapes import cells_of
 
 FREE, UNKNOWN, BESIDE, HIT = 0, 20, 254, 255
-"""BESIDE is next to a return."""
+"""Initial values of voxels: free, unknown, next to a LiDAR return, and with a return."""
 _SCORE_DECAY = 0.97
 _PRUNE_SCORE = 0.004
 _MIN_HIT_SCORE = 64
 _MIN_TRANSMITTANCE = 0.2
-"""A sample with less transmittance in front of it says nothing about what is there."""
+"""Smallest transmittance before a sample at which it counts as a look into its voxel."""
 _MIN_SURFACE_SCORE = 0.08
-"""A voxel's score starts at UNKNOWN / 255, just below this, and exceeds it only where a sample had weight."""
+"""Smallest score of a voxel with a surface. Scores start just below it, at UNKNOWN / 255, and rise with samples'
+weights."""
 _MIN_RAYS = 8
 """Smallest number of rays that must have looked into a voxel before the largest fraction of a ray that stops there
 decides whether the voxel holds a surface."""
 _SURFACE_STOP_FRACTION = 0.3
 """Smallest stop fraction of some ray in a voxel that holds a surface."""
 _SURFACE_STOP_FRACTION_BESIDE = 0.1
-"""The same next to a LiDAR return, where surfaces are likely."""
+"""Smallest stop fraction next to a LiDAR return, where surfaces are likely."""
 
 
 class Occupancy(nn.Module):
@@ -45,11 +46,12 @@ class Occupancy(nn.Module):
 
     @property
     def voxels(self) -> Voxels:
-        """Voxels in the form that `march.propose` reads."""
+        """Voxels in the form that `propose.propose` reads."""
         return Voxels(self.values, self.lower, self.voxel_m)
 
     def cells(self, x: Tensor) -> Tensor:
-        """Flat voxel numbers (N,) of points (N, 3) in volume coordinates; those outside go to the nearest."""
+        """Return flat voxel numbers (N,) of points (N, 3), volume coordinates; points outside have the nearest
+        voxel's."""
         cell = torch.floor(x / self.voxel_m).long()
         shape = torch.tensor(self.values.shape, device=x.device)
         cell = torch.minimum(cell.clamp_min(0), shape - 1)
@@ -57,7 +59,7 @@ class Occupancy(nn.Module):
 
 
 class OccupancyTrainer:
-    """Follows the weights of the samples: a voxel that keeps getting none is free."""
+    """Updates the voxels by the weights of samples: a voxel whose samples have no weight for long is free."""
 
     def __init__(self, occupancy: Occupancy) -> None:
         self.occupancy = occupancy
@@ -71,19 +73,20 @@ class OccupancyTrainer:
         self.looks = zeros_on_demand(flat.shape, torch.int32, flat.device)
 
     @torch.no_grad()
-    def update(self, x: Tensor, weight: Tensor, front: Tensor, prune: bool, settled: bool, camera: bool) -> None:
-        """Samples at x (N, 3), volume coordinates, got these weights (N,), with these transmittance
-        before of them (N,).
+    def update(self, x: Tensor, weight: Tensor, before: Tensor, prune: bool, settled: bool, camera: bool) -> None:
+        """Update the voxels by samples at x (N, 3), volume coordinates, with weights (N,) and transmittances before
+        them (N,).
 
         ``prune`` frees voxels that show nothing; ``settled`` says that surfaces hide what is behind them by now;
         ``camera`` that an image showed them, not LiDAR.
         """
+        assert weight.shape == before.shape == x.shape[:1], (x.shape, weight.shape, before.shape)
         values = self.occupancy.values.view(-1)
         cells = self.occupancy.cells(x)
         if settled:
-            self.seen[cells[front > _MIN_TRANSMITTANCE]] = True
+            self.seen[cells[before > _MIN_TRANSMITTANCE]] = True
             if camera:
-                self.viewed[cells[front > _MIN_TRANSMITTANCE]] = True
+                self.viewed[cells[before > _MIN_TRANSMITTANCE]] = True
         unique, where = torch.unique(cells, return_inverse=True)
         best = weight.new_zeros(len(unique)).scatter_reduce_(0, where, weight, "amax")
         self.visited[unique] = True
@@ -98,23 +101,24 @@ class OccupancyTrainer:
         values[unique] = torch.where(alive, value, torch.zeros_like(value)).to(torch.uint8)
 
     @torch.no_grad()
-    def note_stopped(self, x: Tensor, weight: Tensor, front: Tensor) -> None:
-        """Note how much of each ray stops in each voxel, and the most of any: rays' samples x (R, K, 3), volume
-        coordinates, in order along the ray, got these weights (R, K), with these transmittances (R, K) before them.
+    def note_stopped(self, x: Tensor, weight: Tensor, before: Tensor) -> None:
+        """Note the largest fraction of a ray that stops in each voxel, by samples x (R, K, 3), volume coordinates, in
+        order along the rays, with weights (R, K) and transmittances (R, K) before them.
 
-        A surface's weight is shared by the samples round it, so those of a ray in the same voxel are added.
+        A surface's weight is spread over the samples around it, so those of a ray in the same voxel are added.
         """
+        assert weight.shape == before.shape == x.shape[:2], (x.shape, weight.shape, before.shape)
         cells = self.occupancy.cells(x.reshape(-1, 3)).view(weight.shape)
         enters = F.pad(cells[:, 1:] != cells[:, :-1], (1, 0), value=True).flatten()
         passages, cells = enters.cumsum(0) - 1, cells.flatten()[enters]
         stopped = weight.new_zeros(len(cells)).index_add_(0, passages, weight.flatten())
         self.stopped.scatter_reduce_(0, cells, stopped, "amax")
-        looked = cells[front.flatten()[enters] > _MIN_TRANSMITTANCE]
+        looked = cells[before.flatten()[enters] > _MIN_TRANSMITTANCE]
         self.looks.index_add_(0, looked, torch.ones_like(looked, dtype=torch.int32))
 
     @torch.no_grad()
     def add_evidence(self, hit: Tensor, beside: Tensor, passed: Tensor) -> None:
-        """Take in what LiDAR rays that came late tell, as if they had seeded the voxels.
+        """Update the voxels by LiDAR rays that are read during training, as if they had seeded the voxels.
 
         Flat numbers (N,) of the voxels in which a return lies, of those round one, and of those that rays only passed.
         """
@@ -127,7 +131,8 @@ class OccupancyTrainer:
 
     @torch.no_grad()
     def unobserved(self, x: Tensor) -> Tensor:
-        """Which points (N, 3), volume coordinates, lie where no ray looked, in voxels that are not free: (N,) bool."""
+        """Return which points (N, 3), volume coordinates, lie where no ray looked, in voxels that are not free: (N,)
+        bool."""
         cells = self.occupancy.cells(x)
         return ~self.seen[cells] & (self.occupancy.values.view(-1)[cells] > FREE)
 
@@ -159,7 +164,7 @@ class OccupancyTrainer:
 
     @torch.no_grad()
     def shown(self) -> Tensor:
-        """Voxels (V,) bool that somebody looked into and that showed something."""
+        """Return the voxels (V,) bool that a ray looked into and that showed a surface."""
         return self.seen & (self.occupancy.values.view(-1) > FREE) & (self.score >= _MIN_SURFACE_SCORE)
 
     @torch.no_grad()

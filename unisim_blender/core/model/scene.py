@@ -1,9 +1,9 @@
-"""The whole scene model: its fields, where they can be non-empty, the decoders, and how actors are lit.
+"""The scene model: its fields, the voxels in which they can be non-empty, the decoders, and the light on actors.
 
-Actors are lit like the ground under them: a car turns dark in the shade, also where an edit puts it. A small network maps the
-static field's features of the ground around the place where a ray hits an actor to a scale and a shift of the actor's features.
-It sees features alone and no coordinates, so it learns how the ground's appearance goes along with the light, and not where the
-shade is.
+Actors are lit like the ground under them: a car turns dark in the shade, also where an edit puts it. A small network
+maps the static field's features of the ground around the place where a ray hits an actor to a scale and a shift of the
+actor's features. Its input has no coordinates, so it learns the relation of the ground's appearance to the light, and
+not the places of shade.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Light(nn.Module):
     around: Tensor
 
     def forward(self, feature: Tensor, appearance: Tensor) -> Tensor:
-        """Features (P, K, F) of actors over ground that looks like this (P, F)."""
+        """Return features (P, K, F) of actors, relit by features (P, F) of the ground under them."""
         scale, shift = run_mlp(self.network, appearance)[:, None].chunk(2, -1)
         lit: Tensor = feature * (1 + scale) + shift
         return lit
@@ -86,8 +86,8 @@ class SceneModel(nn.Module):
     observed: Tensor
 
     def directed(self, feature: Tensor, directions: Tensor) -> Tensor:
-        """Features (N, F) with their view direction (N, 3), where the configuration has it enter at every sample; where
-        samples have colours, these come first."""
+        """Return features (N, F) with their view direction (N, 3) applied, where the configuration applies it at every
+        sample; colours come first where samples have them."""
         if self.config.colour == "sample":
             coloured: Tensor = self.colour_head(feature, directions)
             return coloured
@@ -97,7 +97,7 @@ class SceneModel(nn.Module):
         return out
 
     def lit(self, feature: Tensor, place: Tensor) -> Tensor:
-        """Relight features (P, K, F) of actors by the ground around places (P, 3), volume coordinates."""
+        """Return features (P, K, F) of actors, relit by the ground around places (P, 3), volume coordinates."""
         if self.light is None:
             return feature
         around = (place[:, None] + F.pad(self.light.around, (0, 1))).reshape(-1, 3)
@@ -121,16 +121,17 @@ class Ground(nn.Module):
     heights: Tensor
 
     def height(self, x: Tensor) -> Tensor:
-        """Ground heights (N,) under points (N, 3), volume coordinates; bilinear between cell centres."""
+        """Return ground heights (N,), metres, under points (N, 3), volume coordinates; bilinear between cell
+        centres."""
         extent = x.new_tensor([self.heights.shape[0] * GROUND_CELL_M, self.heights.shape[1] * GROUND_CELL_M])
         place = (x[:, :2] / extent * 2 - 1).flip(-1)
         grid = self.heights.to(x.dtype)[None, None]
         return F.grid_sample(grid, place[None, None], padding_mode="border", align_corners=False)[0, 0, 0]
 
     def under(self, x: Tensor) -> Tensor:
-        """The points (N, 3) of the ground that lie over or under points (N, 3)."""
+        """Return the points (N, 3) of the ground that lie over or under points (N, 3), volume coordinates."""
         return torch.cat([x[:, :2], self.height(x)[:, None]], -1)
 
     def above(self, x: Tensor) -> Tensor:
-        """Which points (N, 3) are above the ground: (N,) bool."""
+        """Return which points (N, 3), volume coordinates, are above the ground: (N,) bool."""
         return x[:, 2] > self.height(x) + GROUND_CLEARANCE_M

@@ -178,7 +178,7 @@ LENGTH_BYTES = 8
 MAX_HEADER_BYTES = 100_000_000
 """Largest size of the header of names, in bytes; safetensors' own limit."""
 HALF_EXPONENT_BITS = 0x7C00
-"""The bits that are all set in a half-precision number that is not finite."""
+"""Bits that are all set in a half-precision number that is not finite."""
 
 
 @dataclass(frozen=True)
@@ -222,7 +222,7 @@ class Weights:
 
 
 def read_weights(file: Path) -> Weights:
-    """All arrays of a safetensors file. Raises `SceneError`."""
+    """Return all arrays of a safetensors file. Raises `SceneError`."""
     try:
         raw = np.memmap(file, np.uint8, "c")  # the mapping is private: nothing that is written reaches the file
     except (OSError, ValueError) as fault:  # ValueError: an empty file
@@ -305,7 +305,7 @@ def _counts(value: Any) -> bool:
 
 
 def check_finite(file: Path, name: str, array: NDArray[Any]) -> None:
-    """SceneError where an array holds NaN or infinity, naming the first place."""
+    """Raise `SceneError`, which names the first place, where an array holds NaN or infinity."""
     if array.dtype.kind != "f":
         return
     if array.dtype == np.float16:  # numpy's own test takes four times as long on these
@@ -318,8 +318,8 @@ def check_finite(file: Path, name: str, array: NDArray[Any]) -> None:
 
 
 def weights_hash(path: Path) -> str:
-    """SHA-256 of the weights of the scene in folder ``path``, in hexadecimal; of a file that did not change,
-    worked out once."""
+    """Return the SHA-256, in hexadecimal, of the weights of the scene in folder ``path``; cached while the file is
+    unchanged."""
     file = Path(path) / WEIGHTS_NAME
     return _hash(file, file_stamp(file))
 
@@ -330,7 +330,7 @@ def _hash(file: Path, changed: tuple[int, ...]) -> str:
 
 
 def check_belongs(header: SceneHeader) -> None:
-    """SceneError where the weights beside a header are not those that it was written with."""
+    """Raise `SceneError` where the weights beside a header are not those that it was written with."""
     if header.weights and header.weights != weights_hash(header.path):
         raise SceneError(
             f"{header.path / WEIGHTS_NAME} does not belong to the {HEADER_NAME} beside it: one of the two was written or "

@@ -22,16 +22,16 @@ from .volume import Volume
 TensorShape = tuple[int, ...]
 
 SH_WIDTH = 16
-"""Spherical harmonics of a direction, degrees 0 to 3."""
+"""Number of spherical harmonics of a direction, degrees 0 to 3."""
 CAMERA_CODE_SIZE = 4
 """Length of a camera's code."""
 LIGHT_HIDDEN = 16
 LIDAR_INPUTS = 2
-"""Inputs of the LiDAR head besides feature and direction: depth and opacity."""
+"""Number of inputs of the LiDAR head besides feature and direction: depth and opacity."""
 LIDAR_OUTPUTS = 2
-"""Intensity and the logit of a return."""
+"""Number of outputs of the LiDAR head: intensity and the logit of a return."""
 LATENT_OCTAVES, LATENT_LAYERS = 6, 4
-"""Of the network that latents condition: octaves in which it is told where a point is, and its depth."""
+"""Number of octaves of a point's encoding, and of layers, of the network that latents condition."""
 
 
 class Perceptron(NamedTuple):
@@ -133,23 +133,24 @@ def convolutions(config: ModelConfig) -> dict[str, Convolution]:
 
 
 def decoder_reach(config: ModelConfig) -> int:
-    """How many feature cells away an output pixel of the camera decoder can depend on."""
+    """Return the largest distance, in cells, of a feature cell that an output pixel of the camera decoder depends
+    on."""
     return sum(convolution.kernel // 2 for convolution in convolutions(config).values())
 
 
 def camera_codes(cameras: int) -> TensorShape:
-    """The codes of so many cameras; there is one where no camera was trained."""
+    """Return the shape of the codes of ``cameras`` cameras; there is one code where no camera was trained."""
     return max(cameras, 1), CAMERA_CODE_SIZE
 
 
 def cells_of(size_m: FloatArray, cell_m: float) -> TensorShape:
-    """How many cells with edges of ``cell_m`` cover edges of ``size_m``."""
+    """Return the numbers of cells with edges of ``cell_m`` that cover edges of ``size_m`` (3,)."""
     return tuple(math.ceil(edge / cell_m) for edge in size_m.tolist())
 
 
 def stored_arrays(config: ModelConfig, size_m: FloatArray, actors: int, cameras: int) -> dict[str, TensorShape]:
-    """Arrays of a trained scene's weights by name, of so many actors and cameras; see `stored_voxels`
-    for the others."""
+    """Return the shapes of the arrays of a trained scene's weights by name, for numbers of actors and cameras; see
+    `stored_voxels` for the others."""
     networks = perceptrons(config)
     networks.pop("actors.hypernetwork", None)
     actors = 0 if config.actors == "none" else actors
@@ -174,13 +175,13 @@ def stored_arrays(config: ModelConfig, size_m: FloatArray, actors: int, cameras:
 
 
 def stored_voxels(config: ModelConfig, size_m: FloatArray) -> dict[str, TensorShape]:
-    """Voxel grids of a trained scene's weights by name: of these the file holds the entries that are not 0."""
+    """Return the shapes of the voxel grids of a trained scene's weights by name: the file has their entries that are
+    not 0."""
     return dict.fromkeys(("occupancy.values", "observed"), cells_of(size_m, config.voxel_m))
 
 
 MAX_NUMBER = 1 << 24
-"""No number of a configuration is larger: what asks for more is broken, and would fill the memory before
-anything noticed."""
+"""Largest number of a configuration: a larger one is broken, and would fill the memory."""
 MAX_BY_NAME = {
     "levels": 64, "log2_table": 28, "hidden": 1024, "features": 1024, "latent": 4096, "hyper_hidden": 4096,
     "hyper_layers": 16,
@@ -191,9 +192,10 @@ MAX_BY_NAME = {
 """Largest values of whole numbers by their name."""
 MIN_BY_NAME = {"coarsest": 1e-3, "finest": 1e-3, "voxel_m": 1e-3}
 MAX_ENTRIES = 1 << 27
-"""Of tables and of networks, all together: some ten times what the largest preset has."""
+"""Largest number of entries of all tables and networks: some ten times that of the largest preset."""
 MAX_VOXELS = 1 << 28
-"""A volume of 900 by 900 metres has so many of half a metre; each is two bytes of a scene that is rendered."""
+"""Largest number of voxels, that of a volume of 900 by 900 metres in voxels of half a metre; each takes two bytes of a
+rendered scene."""
 
 
 def check_config(config: Any, where: str) -> None:

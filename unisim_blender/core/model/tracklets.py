@@ -17,13 +17,14 @@ from ..world.drive import Actor
 from ..world.replay import PaddedKeys
 
 SMOOTH_S = 0.2
-"""Corrections of poses change as slowly as this: what some frames teach holds for the ones between."""
+"""Time scale, seconds, over which corrections of poses change: those of some frames hold for the frames between."""
 DENSE_KEYS, REACH_S = 256, 8 * SMOOTH_S
-"""Up to so many keys an actor, all are averaged with all; else those so near in time."""
+"""Number of keys of an actor up to which all are averaged with all, and else the distance in time of those that are."""
 
 
 def rotation_from_6d(r: Tensor) -> Tensor:
-    """Rotation matrices (..., 3, 3) of 6D rotations (..., 6): Gram-Schmidt of two columns (Zhou et al., 2019)."""
+    """Return rotation matrices (..., 3, 3) of 6D rotations (..., 6): Gram-Schmidt of two columns (Zhou et al.,
+    2019)."""
     a, b = r[..., :3], r[..., 3:]
     x = a / a.norm(dim=-1, keepdim=True).clamp_min(1e-8)
     b = b - (x * b).sum(-1, keepdim=True) * x
@@ -32,7 +33,8 @@ def rotation_from_6d(r: Tensor) -> Tensor:
 
 
 def quaternion_from_rotation(r: Tensor) -> Tensor:
-    """Unit quaternions wxyz (..., 4) of rotations (..., 3, 3), without a division by a small number; differentiable."""
+    """Return unit quaternions wxyz (..., 4) of rotations (..., 3, 3), without a division by a small number;
+    differentiable."""
     m = [[r[..., i, j] for j in range(3)] for i in range(3)]
     xx, yy, zz = m[0][0], m[1][1], m[2][2]
     wx, wy, wz = m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]
@@ -53,7 +55,7 @@ def quaternion_from_rotation(r: Tensor) -> Tensor:
 
 
 def rotation_from_quaternion(q: Tensor) -> Tensor:
-    """Rotation matrices (..., 3, 3) of unit quaternions wxyz (..., 4)."""
+    """Return rotation matrices (..., 3, 3) of unit quaternions wxyz (..., 4)."""
     w, x, y, z = q.unbind(-1)
     return torch.stack(
         [
@@ -82,7 +84,7 @@ def slerp(a: Tensor, b: Tensor, u: Tensor) -> Tensor:
 
 
 class Smoothing(nn.Module):
-    """Means of keys' neighbours in time, by a Gaussian of SMOOTH_S; ``times_s`` (A, K), inf where keys only pad.
+    """Means of keys' neighbours in time, by a Gaussian of `SMOOTH_S`; ``times_s`` (A, K), seconds, inf for padding.
 
     Of few keys each actor has a matrix. Of a long drive's, whose matrices would fill memory, only neighbours within `REACH_S`
     are kept, beyond which a weight is 1e-14.
@@ -117,7 +119,7 @@ class Smoothing(nn.Module):
     weight: Tensor
 
     def forward(self, values: Tensor) -> Tensor:
-        """The means (A, K, C) of values (A, K, C) of keys."""
+        """Return the means (A, K, C) of values (A, K, C) of keys."""
         if self.dense:
             return self.matrix @ values
         flat = values.flatten(0, 1)
@@ -126,8 +128,8 @@ class Smoothing(nn.Module):
 
 
 def _smoothing(times_s: Tensor) -> Tensor:
-    """Means (A, K, K) of keys' neighbours in time (A, K), by a Gaussian of SMOOTH_S; keys that only
-    pad have no weight."""
+    """Return the weights (A, K, K) of keys' neighbours in time (A, K), by a Gaussian of `SMOOTH_S`; padding has no
+    weight."""
     real = torch.isfinite(times_s)
     t = torch.where(real, times_s, torch.zeros_like(times_s))
     w = torch.exp(-(((t[:, :, None] - t[:, None]) / SMOOTH_S) ** 2) / 2) * real[:, None]
@@ -216,8 +218,8 @@ class Tracklets(nn.Module):
     bound_radii: Tensor
 
     def keys(self) -> tuple[Tensor, Tensor]:
-        """Positions (A, K, 3), from the corner, and quaternions (A, K, 4), corrected where they are refined; what
-        stands still is moved as one."""
+        """Return positions (A, K, 3), from the corner, and quaternions (A, K, 4), corrected where they are refined; an
+        actor that stands still has one correction."""
         if not self.refine:
             return self.positions, self.quaternions
         still = self.still[:, None, None]
@@ -232,7 +234,8 @@ class Tracklets(nn.Module):
         return self.positions + shift, quaternions.view(self.quaternions.shape)
 
     def poses_at(self, actor: Tensor, time_s: Tensor, keys: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
-        """Positions (P, 3), from the corner, and rotations (P, 3, 3), world from actor, at times (P,) float64."""
+        """Return positions (P, 3), from the corner, and rotations (P, 3, 3), world from actor, of ``actor`` (P,) at
+        times (P,) float64, seconds."""
         positions, quaternions = keys
         times = self.times[actor]
         upper = torch.searchsorted(times, time_s[:, None].contiguous(), right=True)[:, 0]
@@ -258,8 +261,8 @@ class Tracklets(nn.Module):
         among: Tensor | None = None,
         keys: tuple[Tensor, Tensor] | None = None,
     ) -> BoxHits:
-        """Which of the rays (N, 3), from the corner along the world's axes, at times (N,) hit which boxes; ``among``
-        (A',) names the actors to try, ``keys`` are what `keys` gave before."""
+        """Return the hits of rays (N, 3), from the corner along the world's axes, at times (N,), on boxes beyond
+        ``near_m``. ``among`` (A',) are the numbers of the actors to test, ``keys`` an earlier result of `keys`."""
         bins = ((time_s - self.first_bin_s) / BIN_S).floor().long()
         bins = torch.where(bins < len(self.bound_radii), bins.clamp_min(-1), -1)
         centres, radii = self.bound_centres, self.bound_radii

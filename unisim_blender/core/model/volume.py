@@ -12,9 +12,10 @@ from ..geometry import FloatArray, invert_pose, make_pose, quaternion_from_yaw, 
 from ..world.drive import Drive
 
 MAX_EDGE_M = 1e4
-"""Edges of a volume are shorter."""
+"""Largest edge of a volume, metres."""
 WINDING_RAD, WINDING_M = np.pi / 4, 150.0
-"""A drive winds that turns by more on more metres; a shorter one lies within the box of a straight one, or nearly so."""
+"""Turn, radians, and length, metres, above which a drive winds; a shorter one lies nearly within a straight one's
+box."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +27,7 @@ class Volume:
 
     @property
     def corner(self) -> FloatArray:
-        """Where the lower corner lies (3,), world frame: what becomes float32 is measured from here,
-        wherever the drive is."""
+        """The lower corner (3,), world frame, from which float32 coordinates are measured, wherever the drive is."""
         return self.world_from_volume[:3, 3]
 
     @staticmethod
@@ -85,7 +85,7 @@ class Volume:
 
 
 def driven_m(poses: FloatArray) -> float:
-    """Return how far a vehicle drove, metres, by its poses (T, 4, 4)."""
+    """Return the distance, metres, that a vehicle drove, by its poses (T, 4, 4)."""
     return float(np.linalg.norm(np.diff(poses[:, :2, 3], axis=0), axis=1).sum())
 
 

@@ -34,8 +34,9 @@ class Composite:
     rays.
 
     feature (N, F) is for the scene's own decoder; foreign_features (N, F') and foreign_opacity (N,) are those of each
-    foreign actor set, mesh_opacity (N,) is how much of each ray meshes stop. depth_m (N,) is the mean distance of
-    what stops a ray, 0 where nothing does, opacity (N,) how much of it is stopped, transmittance_after (N,) the rest.
+    foreign actor set, mesh_opacity (N,) is that of meshes. depth_m (N,) is the mean distance, metres along the ray, of
+    what stops it, 0 where nothing does; opacity (N,) is the fraction of the ray that is stopped, transmittance_after
+    (N,) the rest.
     """
 
     weights: tuple[SegmentWeights, ...]
@@ -49,9 +50,10 @@ class Composite:
 
 
 def composite(rays: int, ray_segments: Sequence[RaySegments], widths: Sequence[int], like: Tensor) -> Composite:
-    """Composite everything on each ray in order of depth.
+    """Composite the segments of rays numbered 0 to ``rays`` - 1, on each ray in order of depth.
 
-    ``widths`` are the lengths of the actor sets' features, the scene's own first. Tensors are made as ``like`` is.
+    ``widths`` are the lengths of the actor sets' features, the scene's own first. Tensors have the type and device of
+    ``like``.
     """
     features, opacities = [like.new_zeros(rays, width) for width in widths], [like.new_zeros(rays) for _ in widths]
     mesh_opacity, sums = like.new_zeros(rays), like.new_zeros(rays, 3)

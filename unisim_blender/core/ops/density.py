@@ -22,8 +22,8 @@ from .dispatch import Operation
 
 
 def logistic_intervals(s: Tensor, beta: Tensor | float) -> tuple[Tensor, Tensor]:
-    """Optical depths tau (N, K) and stop fractions (N, K) of intervals between samples with signed distances s (N,
-    K), metres, and the sharpness ``beta``, 1 / metres.
+    """Return optical depths tau (N, K) and stop fractions (N, K) of intervals between samples with signed distances s
+    (N, K), metres, and the sharpness ``beta``, 1 / metres.
 
     Interval k > 0 lies between samples k - 1 and k; interval 0 has no length and stands at sample 0: what a ray that
     starts behind a surface has already hit. ``stop_fraction`` times alpha is the expected place of stopping inside
@@ -100,13 +100,14 @@ OPERATION = Operation(logistic_intervals_reference, lambda s, beta: (s,), compil
 
 
 def unisim_intervals(s: Tensor, t: Tensor, beta: Tensor | float, step_m: float) -> tuple[Tensor, Tensor]:
-    """UniSim's density of signed distances s (N, K) at t (N, K), both metres: ``alpha = sigmoid(-beta s)`` a step of
-    ``step_m``, scaled to an interval's length; tau (N, K), stop fractions (N, K) with all of an interval's weight at its
-    far sample.
+    """Return optical depths tau (N, K) and stop fractions (N, K) by UniSim's density of signed distances s (N, K) at t
+    (N, K), both metres: ``alpha = sigmoid(-beta s)`` for a step of ``step_m``, scaled to an interval's length, with all
+    of an interval's weight at its far sample.
 
     Interval 0 is one step that ends at sample 0; as in `logistic_intervals` it stands at that sample and its stop
     fraction is 0.
     """
+    assert s.shape == t.shape, (s.shape, t.shape)
     per_step = F.softplus(-beta * s)  # -log(1 - sigmoid(-beta s))
     length = torch.diff(t, dim=1, prepend=t[:, :1] - step_m) / step_m
     tau = per_step * length
@@ -115,14 +116,15 @@ def unisim_intervals(s: Tensor, t: Tensor, beta: Tensor | float, step_m: float) 
 
 
 def volume_intervals(log_density: Tensor, length_m: Tensor) -> tuple[Tensor, Tensor]:
-    """Optical depths tau (N, K) of densities, logarithms (N, K) of 1 / metres, over lengths (N, K) in metres, and
-    stop fractions (N, K) with all of an interval's weight at its far sample; interval 0 stands at sample 0 and its
+    """Return optical depths tau (N, K) of densities, logarithms (N, K) of 1 / metres, over lengths (N, K) in metres,
+    and stop fractions (N, K) with all of an interval's weight at its far sample; interval 0 stands at sample 0 and its
     stop fraction is 0."""
+    assert log_density.shape == length_m.shape, (log_density.shape, length_m.shape)
     tau = volume_density(log_density) * length_m
     alpha = -torch.expm1(-tau)
     return tau, torch.cat([torch.zeros_like(alpha[:, :1]), alpha[:, 1:]], -1)
 
 
 def volume_density(log_density: Tensor) -> Tensor:
-    """Densities in 1 / metres of their logarithms, bounded."""
+    """Return densities (...), 1 / metres, of their logarithms (...), at most exp(`MAX_LOG_DENSITY`)."""
     return torch.exp(log_density.clamp_max(MAX_LOG_DENSITY))

@@ -16,34 +16,35 @@ _kernels: int | None = None
 
 
 def has_float64(device: torch.device | str) -> bool:
-    """Whether a device knows float64. Without it times are float32: within 60 microseconds after a quarter of an
+    """Return whether a device has float64. Without it times are float32: within 60 microseconds after a quarter of an
     hour, in which nothing on a street moves 3 mm."""
     return torch.device(device).type != "mps"
 
 
 def tensor_to(value: Tensor, device: torch.device | str) -> Tensor:
-    """A tensor on a device; float64 becomes float32 where the device has none."""
+    """Return a tensor on a device; float64 becomes float32 where the device has none."""
     if value.dtype == torch.float64 and not has_float64(device):
         value = value.float()
     return value.to(device)
 
 
 def module_to(module: M, device: torch.device | str) -> M:
-    """A module on a device; its float64 buffers become float32 where the device has none."""
+    """Return a module on a device; its float64 buffers become float32 where the device has none."""
     return (module if has_float64(device) else module.float()).to(device)
 
 
 def zeros_on_demand(
     shape: Sequence[int], dtype: torch.dtype = torch.float32, device: torch.device | str = "cpu"
 ) -> Tensor:
-    """Zeros whose memory is taken as it is written to, where the device is a CPU: a long drive writes to few of them."""
+    """Return zeros whose memory is allocated as it is written to, where the device is a CPU: a long drive writes to
+    few."""
     if torch.device(device).type != "cpu":
         return torch.zeros(tuple(shape), dtype=dtype, device=device)
     return torch.from_numpy(np.zeros(tuple(shape), torch.empty(0, dtype=dtype).numpy().dtype))
 
 
 def kernel_threads() -> int:
-    """How many threads a compiled kernel takes: torch's number, or what that was outside of `torch_threads`."""
+    """Return the number of threads of a compiled kernel: torch's number, or that outside of `torch_threads`."""
     return _kernels or torch.get_num_threads()
 
 

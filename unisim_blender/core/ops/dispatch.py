@@ -24,16 +24,16 @@ R = TypeVar("R")
 
 REFERENCE = "reference"
 Takes = Callable[[Sequence[Tensor]], bool]
-"""Whether kernels take tensors that lie on one device."""
+"""Function that returns whether an implementation takes tensors of one device."""
 
 
 def on_cpu(tensors: Sequence[Tensor]) -> bool:
-    """Whether the compiled kernels take tensors: float32's on the CPU, where the library was built."""
+    """Return whether the compiled kernels take tensors: float32 on the CPU, where the library was built."""
     return _are_float32(tensors) and tensors[0].device.type == "cpu" and native.library() is not None
 
 
 def on_gpu(tensors: Sequence[Tensor]) -> bool:
-    """Whether Triton's kernels take tensors: float32's on a GPU, where a first kernel ran."""
+    """Return whether Triton's kernels take tensors: float32 on a GPU, where a first kernel ran."""
     return _are_float32(tensors) and triton_ready(tensors[0])
 
 
@@ -42,7 +42,7 @@ def _are_float32(tensors: Sequence[Tensor]) -> bool:
 
 
 def triton_ready(like: Tensor) -> bool:
-    """Whether Triton is installed and runs on the GPU of a tensor. UNISIM_TRITON=0 says never."""
+    """Return whether Triton is installed and runs on the GPU of a tensor; False with UNISIM_TRITON=0."""
     return like.is_cuda and _triton_runs_on(str(like.device))
 
 
@@ -86,7 +86,7 @@ class Operation(Generic[P, R]):
         self._functions[name] = function
 
     def chosen(self, *args: P.args, **kwargs: P.kwargs) -> str:
-        """Name of the implementation that carries out a call with these arguments."""
+        """Return the name of the implementation that carries out a call with these arguments."""
         tensors = self._tensors(*args, **kwargs)
         if tensors:
             for name, takes in self.kernels.items():
@@ -95,7 +95,7 @@ class Operation(Generic[P, R]):
         return REFERENCE
 
     def implementation(self, name: str) -> Callable[P, R]:
-        """An implementation's function; Triton's is imported when it is first asked for."""
+        """Return an implementation's function; Triton's is imported when it is first asked for."""
         if name == "gpu" and name not in self._functions and self._gpu is not None:
             module, _, function = self._gpu.rpartition(".")
             kernels = importlib.import_module(f"{__package__}.gpu.{module}")

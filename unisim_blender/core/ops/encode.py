@@ -1,8 +1,8 @@
 """Encodings of points by multiresolution hash grids: Mueller et al., "Instant Neural Graphics Primitives", 2022.
 
-A table is large and a batch touches few of its rows: a gradient of the whole table for each encoding, which autograd
-would make and add, costs more than the encoding. A `GradientSink` collects what makes these gradients until a step's
-backward passes are through, then adds all of it in one order.
+A table is large and a batch touches few of its rows: autograd would make and add a gradient of the whole table for each
+encoding, which costs more than the encoding. A `GradientSink` collects the encodings' gradients until a step's backward
+passes are finished, then adds them to the table's gradient in a fixed order.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ _BRANCH: ContextVar[int] = ContextVar("branch", default=0)
 def encode(
     grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: GradientSink | None = None
 ) -> Tensor:
-    """Encodings (N, levels * features) of points x (N, 3) in the unit cube.
+    """Return encodings (N, levels * features) of points x (N, 3) in the unit cube.
 
     table (rows, features), or (grids, rows, features) with the number of each point's grid in ``index`` (N,). The
-    compiled kernels leave what makes the table's gradient in ``sink``, where there is one, and autograd then sees
-    none.
+    compiled kernels put the encodings' gradients into ``sink``, where there is one, in place of the table's gradient
+    for autograd.
     """
     assert x.shape[1:] == (3,), x.shape
     assert table.shape[-2:] == (grid.rows, grid.shape.features), table.shape
@@ -53,25 +53,26 @@ def as_branch(number: int) -> Iterator[None]:
 
 
 class GradientSink:
-    """Takes gradients of encodings by one table; `pour` adds what they make of the table's gradient to that."""
+    """Collects gradients of encodings by one table, which `pour` adds to the table's gradient."""
 
     def __init__(self) -> None:
         self._waiting: dict[int, list[tuple[GridArrays, Tensor, Tensor | None, Tensor]]] = {}
 
     def put(self, grid: GridArrays, x: Tensor, index: Tensor | None, grad: Tensor) -> None:
-        """Gradients (N, width) of encodings of points x (N, 3), with the number of each point's grid in ``index``
-        (N,) int32."""
+        """Put in gradients (N, width) of encodings of points x (N, 3), with the number of each point's grid in
+        ``index`` (N,) int32."""
         self._waiting.setdefault(_BRANCH.get(), []).append((grid, x, index, grad))
 
     def pour(self, into: Tensor) -> None:
-        """Add everything that was put here to a gradient of the table's shape, by branches and then in its order."""
+        """Add all gradients that were put in to a gradient of the table's shape, by branches and then in their
+        order."""
         for _, parts in sorted(self._waiting.items()):
             for grid, x, index, grad in parts:
                 add_to_table(grid, x, index, grad, into)
         self._waiting.clear()
 
     def clear(self) -> None:
-        """Forget what was put here."""
+        """Remove all gradients."""
         self._waiting.clear()
 
 

@@ -20,7 +20,8 @@ def query(
     grid: GridArrays, table: Tensor, x: Tensor, w1: Tensor, w2: Tensor, bias: Tensor,
     index: Tensor | None = None, sink: GradientSink | None = None,
 ) -> Tensor:  # fmt: skip
-    """W2 relu(W1 encoding) + bias (N, O) at points x (N, 3) in the unit cube; see `encode` for the others."""
+    """Return ``w2 relu(w1 encoding) + bias`` (N, O) at points x (N, 3) in the unit cube: weights w1 (H, I), w2 (O, H),
+    bias (O,); see `encode` for the others."""
     return OPERATION(grid, table, x, w1, w2, bias, index, sink)
 
 

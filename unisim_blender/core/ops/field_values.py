@@ -23,7 +23,7 @@ class SignedDistances:
         return SignedDistances(self.metres.view(*shape))
 
     def rows(self, which: Tensor) -> SignedDistances:
-        """Those of some rows."""
+        """Return the values of some rows."""
         return SignedDistances(self.metres[which])
 
     def outward(self) -> Tensor:
@@ -35,7 +35,8 @@ class SignedDistances:
         return SignedDistances(torch.where(solid, self.metres, EMPTY_M))
 
     def cleared(self, row: Tensor, column: Tensor, height_m: Tensor) -> SignedDistances:
-        """The same, with nothing but the ground near (row, column) (M,), which are so high above it: (M,), metres."""
+        """Return the values with nothing but the ground near entries (row, column) (M,), which are ``height_m`` (M,)
+        above it."""
         own = self.metres[row, column]
         free = torch.maximum(own, height_m)
         return SignedDistances(
@@ -54,7 +55,7 @@ class LogDensities:
         return LogDensities(self.logs.view(*shape))
 
     def rows(self, which: Tensor) -> LogDensities:
-        """Those of some rows."""
+        """Return the values of some rows."""
         return LogDensities(self.logs[which])
 
     def outward(self) -> Tensor:
@@ -66,8 +67,8 @@ class LogDensities:
         return LogDensities(torch.where(solid, self.logs, EMPTY_LOG_DENSITY))
 
     def cleared(self, row: Tensor, column: Tensor, height_m: Tensor) -> LogDensities:
-        """The same, with nothing at (row, column) (M,) but the ground: what is so high above it, (M,) metres, is
-        empty."""
+        """Return the values with nothing but the ground at entries (row, column) (M,), which are ``height_m`` (M,)
+        above it: those above the ground are empty."""
         own = self.logs[row, column]
         free = torch.full_like(own, EMPTY_LOG_DENSITY)
         return LogDensities(self.logs.index_put((row, column), torch.where(height_m > GROUND_CLEARANCE_M, free, own)))
@@ -77,14 +78,14 @@ FieldValues = SignedDistances | LogDensities
 
 
 def signed_distances(values: FieldValues) -> Tensor:
-    """The metres of signed distances; TypeError for densities, which have none."""
+    """Return signed distances in metres. Raises TypeError for densities."""
     if not isinstance(values, SignedDistances):
         raise TypeError("this field says densities, and no signed distances")
     return values.metres
 
 
 def log_densities(values: FieldValues) -> Tensor:
-    """The logarithms of densities in 1 / metres; TypeError for signed distances."""
+    """Return logarithms of densities in 1 / metres. Raises TypeError for signed distances."""
     if not isinstance(values, LogDensities):
         raise TypeError("this field says signed distances, and no densities")
     return values.logs

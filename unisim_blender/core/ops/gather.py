@@ -18,8 +18,10 @@ from .transmittances import segments_struct
 
 
 def gather(ray_segment: RaySegments, before: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Weights of the intervals and of the samples (P, K) of ray segments with transmittances ``before`` (P, K), and
-    what they give (P, F + 3): features by weight, the weight, distance by weight, optical depth."""
+    """Return the weights of the intervals (P, K) and of the samples (P, K) of ray segments with transmittances
+    ``before`` (P, K), and each segment's sums (P, F + 3): features by weight, the weight, distance by weight, optical
+    depth."""
+    assert before.shape == ray_segment.tau.shape, (before.shape, ray_segment.tau.shape)
     return OPERATION(ray_segment, before)
 
 
@@ -44,7 +46,8 @@ def gather_compiled(ray_segment: RaySegments, before: Tensor) -> tuple[Tensor, T
 
 
 def with_even_rows(features: Tensor) -> Tensor:
-    """Features (P, K, F) with even rows: they may be columns of what a network gave, so rows need not touch."""
+    """Return features (P, K, F) with a constant stride of rows: columns of a network's output have rows that do not
+    touch."""
     n, width, _ = features.shape
     if n * width and (features.stride(2) != 1 or features.stride(0) != width * features.stride(1)):
         return features.contiguous()

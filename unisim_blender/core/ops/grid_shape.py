@@ -11,7 +11,8 @@ from .. import native
 
 @dataclass(frozen=True)
 class GridShape:
-    """levels x features, and for each level its vertices along the axes (less one) and the size of its table.
+    """Shape of a hash grid: for each level in ``scale`` the number of cells along the axes, ``features`` a level, and at
+    most ``2 ** log2_table`` rows in a level's table.
 
     A level whose vertices fit its table is dense (one row a vertex); the others are hashed.
     """
@@ -23,13 +24,15 @@ class GridShape:
     @staticmethod
     def cubic(extent_m: tuple[float, float, float], coarsest_m: float, finest_m: float, levels: int, features: int,
               log2_table: int) -> GridShape:  # fmt: skip
-        """Cells from ``coarsest_m`` to ``finest_m`` in geometric steps over a box of ``extent_m``."""
+        """Return the shape with cells from ``coarsest_m`` to ``finest_m`` in geometric steps over a box of
+        ``extent_m``."""
         cells = np.geomspace(coarsest_m, finest_m, levels)
         return GridShape(tuple(tuple(float(e / c) for e in extent_m) for c in cells), features, log2_table)  # type: ignore[misc]
 
     @staticmethod
     def unit(coarsest: int, finest: int, levels: int, features: int, log2_table: int) -> GridShape:
-        """``coarsest`` to ``finest`` cells along each axis of the unit cube, in geometric steps."""
+        """Return the shape with ``coarsest`` to ``finest`` cells along each axis of the unit cube, in geometric
+        steps."""
         counts = np.round(np.geomspace(coarsest, finest, levels))
         return GridShape(tuple((float(c),) * 3 for c in counts), features, log2_table)
 
@@ -44,7 +47,7 @@ class GridShape:
         return self.levels * self.features
 
     def layout(self) -> tuple[list[int], list[int], list[int], list[int]]:
-        """For each level: first row, rows, and the strides of y and z (0 where it is hashed)."""
+        """For each level its first row, number of rows, and the strides of y and z (0 where it is hashed)."""
         offsets, sizes, strides_y, strides_z, rows = [], [], [], [], 0
         for scale in self.scale:
             nx, ny, nz = (int(np.ceil(s)) + 1 for s in scale)

@@ -16,7 +16,7 @@ from .dispatch import Operation
 
 
 def two_layers(x: Tensor, w1: Tensor, w2: Tensor, bias: Tensor) -> Tensor:
-    """W2 relu(W1 x) + bias (N, O) of x (N, I): weights (H, I) and (O, H), bias (O,)."""
+    """Return ``w2 relu(w1 x) + bias`` (N, O) of x (N, I): weights w1 (H, I), w2 (O, H), bias (O,)."""
     return OPERATION(x, w1, w2, bias)
 
 
@@ -61,7 +61,7 @@ class _TwoLayers(torch.autograd.Function):
 
 
 def network_struct(w1: Tensor, w2: Tensor, bias: Tensor) -> native.MlpStruct:
-    """Contiguous weights (H, I), (O, H) and bias (O,) in the form that the kernels read."""
+    """Return contiguous weights (H, I), (O, H) and bias (O,) in the form that the kernels read."""
     return native.MlpStruct(w1.shape[1], len(w1), len(w2), w1.data_ptr(), w2.data_ptr(), bias.data_ptr())
 
 

@@ -1,4 +1,5 @@
-"""Rays against spheres that bound actors over time: which actors' boxes each ray is tried against."""
+"""Intersection of rays with spheres that bound actors over time, to select the boxes that each ray is tested
+against."""
 
 from __future__ import annotations
 
@@ -11,11 +12,13 @@ from .dispatch import Operation
 
 
 def near_spheres(origins: Tensor, directions: Tensor, bins: Tensor, centres: Tensor, radii: Tensor) -> Tensor:
-    """Which rays (N, 3), directions of length 1, pass through which spheres: (N, A) bool.
+    """Return which rays, origins and unit directions (N, 3), pass through which spheres: (N, A) bool.
 
     centres (T, A, 3) and radii (T, A), negative for none, are the spheres in each bin of time; a ray's bin (N,) is -1
     for none.
     """
+    assert origins.shape == directions.shape == (len(bins), 3), (origins.shape, directions.shape, bins.shape)
+    assert centres.shape == (*radii.shape, 3), (centres.shape, radii.shape)
     return OPERATION(origins, directions, bins, centres, radii)
 
 

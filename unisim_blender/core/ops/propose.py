@@ -1,4 +1,4 @@
-"""Places of samples along rays: quantiles of a distribution that the occupied voxels along a ray give."""
+"""Places of samples along rays: quantiles of the distribution of the occupied voxels along a ray."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Voxels:
 @dataclass(frozen=True)
 class RaySpans:
     """Rays through the voxels, and the part of each in which samples are placed: origins, directions (N, 3) in the
-    voxels' frame, from t_near to t_far (N,)."""
+    voxels' frame, from t_near to t_far (N,), metres."""
 
     origins: Tensor
     directions: Tensor
@@ -35,17 +35,19 @@ class RaySpans:
 
 
 def propose(voxels: Voxels, spans: RaySpans, u: Tensor) -> tuple[Tensor, Tensor]:
-    """Places t (N, K) at quantiles u (N, K), rising along each row, of the occupied voxels' distribution; its mass
-    (N,).
+    """Return places t (N, K), metres, at quantiles u (N, K), ascending in each row, of the occupied voxels'
+    distribution, and its mass (N,), which is 0 where a ray hits nothing.
 
     A ray is cut into steps of half a voxel; a step's mass is its voxel's value p times exp(-DECAY_PER_M * metres of p
-    before). A mass of 0 says that the ray hits nothing.
+    before).
     """
+    shapes = spans.origins.shape, spans.directions.shape, spans.t_near.shape, spans.t_far.shape, u.shape[:1]
+    assert shapes == ((len(u), 3), (len(u), 3), (len(u),), (len(u),), (len(u),)), shapes
     return OPERATION(voxels, spans, u)
 
 
 def propose_reference(voxels: Voxels, spans: RaySpans, u: Tensor) -> tuple[Tensor, Tensor]:
-    """`propose` in plain torch, which keeps a number for each half voxel of each ray."""
+    """`propose` in plain torch, with memory for a number for each half voxel of each ray."""
     step = voxels.voxel_m / 2
     span = spans.t_far - spans.t_near
     steps = int(torch.ceil(span / step).max().clamp_min(1)) if len(span) else 1

@@ -1,4 +1,4 @@
-"""Quantiles at which samples are taken: even ones first, then more where a first set says that rays stop.
+"""Quantiles at which samples are taken: even ones first, then more where the first set shows that rays stop.
 
 Both sets are drawn in the quantiles of the occupied voxels' distribution (`propose`), so free space between occupied
 voxels never takes a sample.
@@ -14,7 +14,8 @@ from .constants import QUANTILE_FLOOR
 
 
 def stratified(rays: int, count: int, jitter: bool, like: Tensor, generator: torch.Generator | None = None) -> Tensor:
-    """Quantiles (rays, count), one in each of ``count`` equal parts of [0, 1]: its middle, or anywhere in it."""
+    """Return quantiles (rays, count), one in each of ``count`` equal parts of [0, 1]: its middle, or with ``jitter`` a
+    random point of it."""
     offset = (
         torch.rand(rays, count, generator=generator, device=like.device)
         if jitter
@@ -24,13 +25,14 @@ def stratified(rays: int, count: int, jitter: bool, like: Tensor, generator: tor
 
 
 def refine_quantiles(u: Tensor, t: Tensor, s: Tensor, beta: float, count: int, jitter: Tensor) -> Tensor:
-    """Quantiles (N, count) near the surface that signed distances s (N, K) at places t (N, K), quantiles u (N, K),
-    point to.
+    """Return quantiles (N, count) near the surface of signed distances s (N, K), metres, at places t (N, K), metres,
+    and quantiles u (N, K).
 
-    The weights are the logistic density's with a beta that an interval's length bounds: a sample that passes near a
-    thin thing draws others to it. `QUANTILE_FLOOR` of them are spread evenly over the quantiles. ``jitter`` (N,
-    count) rises in [0, 1].
+    The weights are the logistic density's with a beta bounded by an interval's length, so that a sample near a thin
+    object attracts others. `QUANTILE_FLOOR` of them are spread evenly over the quantiles. ``jitter`` (N, count) ascends
+    in [0, 1].
     """
+    assert u.shape == t.shape == s.shape, (u.shape, t.shape, s.shape)
     gap = (t[:, 1:] - t[:, :-1]).clamp_min(1e-4)
     sharp = (4.0 / gap).clamp_max(beta)
     rise = F.softplus(-sharp * s[:, 1:]) - F.softplus(-sharp * s[:, :-1])
@@ -47,6 +49,7 @@ def refine_quantiles(u: Tensor, t: Tensor, s: Tensor, beta: float, count: int, j
 def refine_by_density(u: Tensor, tau: Tensor, jitter: Tensor) -> Tensor:
     """`refine_quantiles` for densities: tau (N, K) are the optical depths of the parts of [0, 1] about each of the
     quantiles u (N, K), as NeRF's second pass has it (Mildenhall et al., 2020, section 5.2)."""
+    assert u.shape == tau.shape, (u.shape, tau.shape)
     middle = (u[:, 1:] + u[:, :-1]) / 2
     edges = torch.cat([torch.zeros_like(u[:, :1]), middle, torch.ones_like(u[:, :1])], -1)
     total = tau.cumsum(-1)
@@ -54,7 +57,8 @@ def refine_by_density(u: Tensor, tau: Tensor, jitter: Tensor) -> Tensor:
 
 
 def _drawn(edges: Tensor, weight: Tensor, jitter: Tensor) -> Tensor:
-    """Where between edges (N, M + 1) a distribution of weights (N, M), with its floor, reaches jitter (N, count)."""
+    """Return the places (N, count) between edges (N, M + 1) at which the cumulative distribution of weights (N, M),
+    with its floor, reaches jitter (N, count)."""
     weight, widths = weight + 1e-5, torch.diff(edges, dim=-1)
     pdf = (1 - QUANTILE_FLOOR) * weight / weight.sum(-1, keepdim=True) + QUANTILE_FLOOR * widths
     cdf = F.pad(pdf.cumsum(-1), (1, 0))

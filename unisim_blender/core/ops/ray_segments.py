@@ -26,7 +26,8 @@ class RayBatch:
     directions: Tensor
     time_s: Tensor
     starts: Tensor | None = None
-    """Metres (N,) before which a ray hits nothing of the static field; None where there is no such bound."""
+    """Distances (N,), metres, before which a ray hits nothing of the static field; None where there is no such
+    bound."""
 
     def __len__(self) -> int:
         return len(self.origins)
@@ -47,7 +48,7 @@ class RaySegments:
         return len(self.ray)
 
     def stops(self) -> Tensor:
-        """Where a ray that stops in an interval is expected to (P, K), metres along the ray."""
+        """Return the expected place (P, K), metres along the ray, of a stop in each interval."""
         near = torch.cat([self.t[:, :1], self.t[:, :-1]], -1)
         alpha = -torch.expm1(-self.tau)
         inside = torch.where(alpha > 1e-4, self.stop_fraction / alpha.clamp_min(1e-4), torch.full_like(alpha, 0.5))
@@ -56,8 +57,8 @@ class RaySegments:
 
 @dataclass(frozen=True)
 class FieldSegments(RaySegments):
-    """Ray segments inside a field: what it says at the samples, ``values`` (P, K), and ``points`` (P, K, 3) in its
-    own coordinates (volume, metres; or an actor's unit cube). ``density`` is how its values stop a ray, ``beta`` its
+    """Ray segments inside a field: its ``values`` (P, K) at the samples, and ``points`` (P, K, 3) in its own
+    coordinates (volume, metres; or an actor's unit cube). ``density`` is the kind of its density, ``beta`` its
     sharpness, 1 / metres."""
 
     values: FieldValues
@@ -99,8 +100,7 @@ class ActorSegments(FieldSegments):
 
 @dataclass(frozen=True)
 class MeshSegments(RaySegments):
-    """Hits of meshes as ray segments of one sample; what shows of them is not composited, and ``features`` (P, 1, 1)
-    are 0.
+    """Hits of meshes as ray segments of one sample. Their appearance is not composited: ``features`` (P, 1, 1) are 0.
 
     ``actor`` (P,) is numbered as in `ActorSegments`; ``normals`` (P, 3) are unit, world frame.
     """
@@ -110,7 +110,7 @@ class MeshSegments(RaySegments):
 
 
 def rows_of(ray_segments: Segments, which: Tensor) -> Segments:
-    """Some of a field's ray segments, by numbers or by a mask (P,)."""
+    """Return some of a field's ray segments, by numbers (M,) or by a mask (P,)."""
     chosen: dict[str, Any] = {
         name: value[which] if isinstance(value, Tensor) else value.rows(which)
         for name, value in vars(ray_segments).items()

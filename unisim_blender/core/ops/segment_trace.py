@@ -40,7 +40,7 @@ class SegmentTrace:
     volume_opacity: Tensor
     ray_segments: tuple[RaySegments, ...]
     weights: tuple[SegmentWeights, ...]
-    """Of each field's ray segments, in their order."""
+    """Weights of each field's ray segments, in their order."""
     samples: int
     foreign_features: tuple[Tensor, ...] = ()
     foreign_opacity: tuple[Tensor, ...] = ()
@@ -49,7 +49,7 @@ class SegmentTrace:
     without_foreign: Tensor | None = None
     """``feature`` as if no foreign actor and no mesh were there; None where none is."""
     mesh_opacity: Tensor | None = None
-    """How much of each ray (N,) meshes stop; None where there are none."""
+    """Opacity (N,) of meshes; None where there are none."""
 
     def weighted(self) -> Iterator[tuple[RaySegments, SegmentWeights]]:
         """Each field's ray segments and their weights."""

@@ -17,14 +17,14 @@ from .ray_segments import RaySegments
 
 
 def transmittances(rays: int, ray_segments: Sequence[RaySegments]) -> list[Tensor]:
-    """The transmittance before every interval (P, K) of each group of ray segments, all fields of a ray in one order
-    of depth."""
+    """Return the transmittances (P, K) before the intervals of each group of ray segments, with all fields of a ray in
+    one order of depth."""
     return OPERATION(rays, ray_segments)
 
 
 def weights_from_tau(tau: Tensor) -> tuple[Tensor, Tensor]:
-    """Transmittances in front of each interval (N, K) and behind the last (N,), of optical depths in depth order (N,
-    K)."""
+    """Return the transmittances before each interval (N, K) and after the last (N,) of optical depths (N, K) in depth
+    order."""
     total = torch.cumsum(tau, -1)
     # shifted, for total - tau would lose what a thin interval before a dense one has taken away
     before = torch.cat([torch.zeros_like(total[:, :1]), total[:, :-1]], -1)
@@ -77,7 +77,7 @@ def transmittances_compiled(rays: int, ray_segments: Sequence[RaySegments]) -> l
 
 
 def segments_struct(ray: Tensor, t: Tensor, tau: Tensor, stop_fraction: Tensor) -> native.RaySegmentsStruct:
-    """Contiguous ray (P,) int64, t, tau and stop_fraction (P, K) in the form that the kernels read."""
+    """Return contiguous ray (P,) int64, t, tau and stop_fraction (P, K) in the form that the kernels read."""
     return native.RaySegmentsStruct(len(t), t.shape[1], *(x.data_ptr() for x in (ray, t, tau, stop_fraction)))
 
 

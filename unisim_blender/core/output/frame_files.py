@@ -41,7 +41,7 @@ METADATA_ATTRIBUTE = "unisim"
 
 
 def exr_channels(frame: CameraFrame) -> dict[str, NDArray[Any]]:
-    """The frame's passes as arrays (H, W) by channel name."""
+    """Return the frame's passes as arrays (H, W) by channel name."""
     linear = linear_from_srgb(np.clip(frame.rgb, 0, 1))
     channels: dict[str, NDArray[Any]] = {name: linear[..., i].astype(np.float16) for i, name in enumerate("RGB")}
     channels["A"] = np.ones(frame.rgb.shape[:2], np.float16)
@@ -150,12 +150,12 @@ def write_labels(out: Path, drive: Drive, moment: Moment) -> list[Path]:
 
 
 def labels_bytes(drive: Drive, moment: Moment) -> bytes:
-    """The content of a moment's labels."""
+    """Return the content of a moment's labels."""
     return json_bytes(moment_labels(drive, moment))
 
 
 def sweep_points(sweep: LidarFrame) -> NDArray[np.void]:
-    """The returned cells, beam by beam, as records (N,) of `POINT_FIELDS`."""
+    """Return the cells with a return, beam by beam, as records (N,) of `POINT_FIELDS`."""
     ring, column = np.nonzero(sweep.returned)
     world = sweep.origins[ring, column] + sweep.directions[ring, column] * sweep.depth_m[ring, column, None].astype(
         np.float64
@@ -174,14 +174,14 @@ def sweep_points(sweep: LidarFrame) -> NDArray[np.void]:
 
 
 def png_bytes(image: NDArray[np.uint8]) -> bytes:
-    """An image (H, W, 3) or (H, W) as PNG."""
+    """Return an image (H, W, 3) or (H, W) uint8 as PNG."""
     buffer = io.BytesIO()
     Image.fromarray(image).save(buffer, format="PNG")
     return buffer.getvalue()
 
 
 def ply_bytes(points: NDArray[np.void], capture: Capture, time_s: float) -> bytes:
-    """Records of `POINT_FIELDS` as binary PLY."""
+    """Return records (N,) of `POINT_FIELDS` as binary PLY."""
     buffer = io.BytesIO()
     which = f"time_us {capture.time_us}" if capture.frame is None else f"frame {capture.frame}"
     comments = [f"sensor {capture.sensor_id}", which, f"time_s {time_s!r}", "frame of reference: the sensor at time_s"]
@@ -190,7 +190,7 @@ def ply_bytes(points: NDArray[np.void], capture: Capture, time_s: float) -> byte
 
 
 def npz_bytes(points: NDArray[np.void], time_s: float, sweep: LidarFrame) -> bytes:
-    """One array a field, and beside them world_from_lidar (4, 4) float64, time_s and the instances' names."""
+    """Return an NPZ of one array (N,) a field, world_from_lidar (4, 4) float64, time_s and the instances' names."""
     buffer = io.BytesIO()
     # numpy gives every member of the archive the date 1980-01-01, so equal arrays are equal bytes
     np.savez_compressed(
@@ -240,8 +240,8 @@ def moment_labels(drive: Drive, moment: Moment) -> dict[str, Any]:
 
 
 def labels_digest(drive: Drive, moment: Moment) -> str:
-    """Return a digest of what a moment's labels depend on, 64 hexadecimal digits; it takes a tenth of the time of the labels.
-    Equal digests have equal labels, wherever scenes and meshes lie."""
+    """Return a digest of the input of a moment's labels, 64 hexadecimal digits; it takes a tenth of the time of the
+    labels. Equal digests have equal labels, wherever scenes and meshes lie."""
     time, frame = moment.time_s(drive), moment.frame
     actors = list(over_whole_frames(drive).actors.values())
     if frame is None:
@@ -287,7 +287,7 @@ def _sensors(drive: Drive, moment: Moment) -> Iterator[tuple[Camera | Lidar, Tra
 
 
 def velocity(actor: Actor, time_s: float) -> FloatArray:
-    """World velocity (3,) in m/s, by a central difference that stays within the actor's presence."""
+    """Return the velocity (3,), m/s, world frame, by a central difference that stays within the actor's presence."""
     start, end = max(time_s - VELOCITY_STEP_S, actor.start_s), min(time_s + VELOCITY_STEP_S, actor.end_s)
     if end <= start:
         return np.zeros(3)

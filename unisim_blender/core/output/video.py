@@ -8,7 +8,6 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-import imageio_ffmpeg
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
@@ -40,7 +39,8 @@ def playback(times_s: Sequence[float], least_hz: float = 0.0) -> tuple[float, li
 
 
 def write_video(images: Iterable[Path | NDArray[np.uint8]], path: Path, frames_per_second: float) -> None:
-    """Write images of one size, PNG files or arrays (H, W, 3), as H.264 in MP4; an odd last row or column is cut off.
+    """Write images of one size, PNG files or arrays (H, W, 3) uint8 sRGB, as H.264 in MP4; an odd last row or column is
+    cut.
 
     Raises `OutputError`.
     """
@@ -80,6 +80,8 @@ def _encode(images: Iterable[Path | NDArray[np.uint8]], path: Path, frames_per_s
 
 def _encoder(path: Path, size: tuple[int, int], frames_per_second: float) -> subprocess.Popen[bytes]:
     """Return ffmpeg, which reads RGB images of ``size``, width and height, from its standard input."""
+    import imageio_ffmpeg  # here: Blender's own Python plays films, and writes none
+
     rate = str(Fraction(frames_per_second).limit_denominator())
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
     command += ["-s", f"{size[0]}x{size[1]}", "-r", rate, "-i", "-", "-an"]
@@ -89,7 +91,9 @@ def _encoder(path: Path, size: tuple[int, int], frames_per_second: float) -> sub
 
 
 def _frames_of(path: Path) -> int:
-    """How many frames of a film can be read: ffmpeg's writer does not tell whether it could write them."""
+    """Return the number of frames of a film that can be read: ffmpeg's writer does not report whether it wrote them."""
+    import imageio_ffmpeg
+
     untyped: Any = imageio_ffmpeg.count_frames_and_secs
     try:
         return int(untyped(str(path))[0])

@@ -1,7 +1,6 @@
 """Checks of documents: faults with their place in the file, and limits of size.
 
-What exceeds the limits was not meant: it would take minutes and gigabytes, or make numbers that float64 cannot tell
-apart.
+A document beyond the limits would take minutes and gigabytes, or have numbers that float64 cannot distinguish.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ def require(holds: bool, place: str, problem: str) -> None:
 
 
 def listed(names: Iterable[str]) -> str:
-    """The names there are, in brackets, the middle left out where there are many."""
+    """Return the names in brackets, the middle left out where there are many."""
     known = sorted(names)
     if not known:
         return "(there are none)"
@@ -46,16 +45,16 @@ MAX_MEMBERS = {
     "map": 20_000,
     "street": 100,
 }
-"""Members of a list or an object, by its name."""
+"""Largest number of members of a list or an object, by its name."""
 MAX_VALUES = 500_000
-"""Values of a document, of all kinds and at any depth: some 50 000 keys."""
+"""Largest number of values of a document, of all kinds and at any depth: some 50 000 keys."""
 MAX_M = 1e6
-"""Places and lengths: micrometres are told apart there."""
+"""Largest absolute coordinate or length, metres, where float64 still distinguishes micrometres."""
 MAX_S = 1e6
 MAX_DEG = 1e6
 MAX_PIXELS = 1e6
 MIN_SPEED_FACTOR, MAX_SPEED_FACTOR = 1e-3, 1e3
-"""How many times slower or faster a retimed actor may be."""
+"""Smallest and largest factor on the speed of a retimed actor."""
 _UNITS = {"_m": (MAX_M, "m"), "_s": (MAX_S, "s"), "_deg": (MAX_DEG, "degrees")}
 _NAMES = {
     "position": (MAX_M, "m"), "map": (MAX_S, "s"), "times": (MAX_S, "s"),
@@ -91,13 +90,13 @@ def _check_number(value: float, name: str, place: str) -> None:
 
 
 def place_in(path: Path, steps: tuple[str | int, ...]) -> str:
-    """A file and a place in it: ``scenario.json: edits[3].actor``."""
+    """Return a file and a place in it: ``scenario.json: edits[3].actor``."""
     text = steps_in_words(steps).removeprefix(".")
     return f"{path}: {text}" if text else str(path)
 
 
 def steps_in_words(steps: tuple[str | int, ...]) -> str:
-    """Steps from a document's member to one below it: ``[3].actor``."""
+    """Return the steps from a document's member to one below it: ``[3].actor``."""
     return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in steps)
 
 

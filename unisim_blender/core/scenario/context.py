@@ -22,9 +22,9 @@ from .types import Scenario
 
 TIME_TOLERANCE_S = 1e-6
 PRESENCE_MARGIN_S = 1.0
-"""Actors that are always present are present this long before the first and after the last frame."""
+"""Time, seconds, by which actors that are always present exist before the first and after the last frame."""
 SENSOR_MARGIN_S = 0.25
-"""Before the first and after the last time of a drive: how far sweeps and shutters may reach, and be placed exactly."""
+"""Time, seconds, by which sweeps and shutters may extend before the first and after the last time of a drive."""
 
 SceneActors = Callable[[Path], dict[str, Actor]]
 
@@ -118,7 +118,7 @@ def actor_of(actors: dict[str, Actor], uid: str, place: str, where: str) -> Acto
 
 
 def current(drive: Drive, uid: str, place: str, context: EditContext) -> Actor:
-    """The actor as the edits so far leave it. Raises `ScenarioError`, also for one that an earlier edit removed."""
+    """Return the actor after the edits so far. Raises `ScenarioError`, also for one that an earlier edit removed."""
     if uid not in drive.actors:
         for index, edit in enumerate(context.scenario.edits):
             if edit.removes(uid) and uid in context.recorded.actors:
@@ -138,12 +138,13 @@ def check_new(drive: Drive, uid: str, place: str, context: EditContext) -> None:
 
 
 def with_actor(drive: Drive, actor: Actor) -> Drive:
-    """The drive with an actor, in place of one with its id."""
+    """Return the drive with an actor, in place of one with its id."""
     return replace(drive, actors={**drive.actors, actor.uid: actor})
 
 
 def newcomer(source: Actor, uid: str, trajectory: Trajectory, start_s: float, end_s: float) -> Actor:
-    """A new actor with the appearance, class and size of ``source``, present from start_s to end_s."""
+    """Return a new actor with the appearance, class and size of ``source``, present from ``start_s`` to ``end_s``,
+    seconds."""
     moving = is_moving(trajectory)
     return replace(
         source, uid=uid, world_from_actor=trajectory, start_s=start_s, end_s=end_s, is_moving=moving, inserted=True
@@ -151,7 +152,7 @@ def newcomer(source: Actor, uid: str, trajectory: Trajectory, start_s: float, en
 
 
 def mesh_of(name: str, place: str, context: EditContext) -> tuple[Path, FloatArray]:
-    """The file of a mesh that a scenario names, and its extent (3,). Raises `ScenarioError`."""
+    """Return the file of a mesh that a scenario names, and its extent (3,), metres. Raises `ScenarioError`."""
     path = context.scenario.resolve(name)
     try:
         return path, mesh_size_m(path)
@@ -166,6 +167,6 @@ def check_box(key: str, scenario: Scenario, place: str) -> None:
 
 
 def box_of(key: str, scenario: Scenario) -> Box:
-    """The box of a checked scenario as a pose and a size."""
+    """Return a box of a checked scenario."""
     box: BoxSpec = (scenario.boxes or {})[key]
     return Box(pose_of(box), np.array(box.size_m, float))

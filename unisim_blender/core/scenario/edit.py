@@ -36,7 +36,7 @@ class Edit(ABC):
     seen_by: ClassVar[str] = ""
     """The module of `editing/readers` that derives the edit from a Blender scene; "" if there is none."""
     unseen_because: ClassVar[str] = ""
-    """Why there is no reader."""
+    """Reason why there is no reader."""
 
     def check(self, scenario: Scenario, place: str) -> None:  # noqa: B027 most edits have nothing to say
         """Raise `ScenarioError` for faults that show without the drive; ``place`` names the edit in messages."""

@@ -19,7 +19,7 @@ PATH: Schema = {"type": "string", "minLength": 1, "maxLength": 4096}
 
 
 def numbers(count: int, item: Schema = NUMBER) -> Schema:
-    """An array of ``count`` numbers."""
+    """Return the schema of an array of ``count`` numbers."""
     return {"type": "array", "items": item, "minItems": count, "maxItems": count}
 
 
@@ -32,7 +32,7 @@ def ref(name: str) -> Schema:
 
 
 def members_of(properties: Mapping[str, Schema], required: Sequence[str] = (), about: str = "") -> Schema:
-    """An object with these members and no others."""
+    """Return the schema of an object with these members and no others."""
     return {
         "type": "object",
         "properties": dict(properties),

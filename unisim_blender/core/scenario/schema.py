@@ -1,4 +1,5 @@
-"""The JSON Schema of scenario documents, assembled of what stands beside each part's type; documents checked by it."""
+"""The JSON Schema of scenario documents, assembled from the schemas beside each part's type, and checks of documents by
+it."""
 
 from __future__ import annotations
 
@@ -26,7 +27,7 @@ DESCRIPTION = (
 
 
 def scenario_schema() -> dict[str, Any]:
-    """The JSON Schema (draft 2020-12) of scenario documents with all registered edits."""
+    """Return the JSON Schema (draft 2020-12) of scenario documents with all registered edits."""
     return _schema(tuple(EDITS.values()))
 
 
@@ -63,7 +64,7 @@ def _schema(kinds: tuple[type[Edit], ...]) -> dict[str, Any]:
 
 
 def edit_schema(kind: type[Edit]) -> Schema:
-    """The JSON Schema of one edit: its members, of which those without a default are required.
+    """Return the JSON Schema of one edit: its members, of which those without a default are required.
 
     A member with a former name may be given by either of the two names, but not by both.
     """

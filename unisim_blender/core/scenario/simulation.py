@@ -9,12 +9,13 @@ from .checks import require
 from .json_schema import NUMBER, POSITIVE, TEXT, Schema, members_of, ref
 
 OTHER_ACTORS = "*"
-"""Stands for all moving actors that are not named."""
+"""Name of all moving actors that are not named."""
 
 
 @dataclass(frozen=True)
 class RateSpec:
-    """When a sensor captures: at ``phase_s`` and every ``period_s``. What is missing is as the sensor was recorded."""
+    """Capture times of a sensor: at ``phase_s`` and every ``period_s`` after it. A missing value is the recorded
+    one."""
 
     period_s: float | None = None
     phase_s: float | None = None
@@ -22,7 +23,7 @@ class RateSpec:
 
 @dataclass(frozen=True)
 class Jitter:
-    """How far starts are drawn from where the recording has them: evenly, up to these values to either side.
+    """Ranges of random starts around the recorded ones: uniform, up to these values to either side.
 
     The ego vehicle starts further along or aside, turned, or at another speed; actors start earlier or later.
     """

@@ -110,12 +110,12 @@ def with_times(scenario: Scenario, times: TimeRange | None) -> Scenario:
 
 
 def ego_outside(scenario: Scenario) -> str | None:
-    """Return what the ego does outside the recording: "hold", "continue", or None where nothing says it."""
+    """Return the ego's motion outside the recording: "hold", "continue", or None where it is not stated."""
     return scenario.outside.ego if isinstance(scenario.outside, Outside) else scenario.outside
 
 
 def actors_outside(scenario: Scenario) -> str:
-    """Return what moving actors do outside the recording: "absent", "hold" or "continue"."""
+    """Return the motion of moving actors outside the recording: "absent", "hold" or "continue"."""
     rule = scenario.outside.actors if isinstance(scenario.outside, Outside) else scenario.outside
     return rule or "absent"
 
@@ -161,7 +161,7 @@ def _check_outside(scenario: Scenario, drive: Drive, place: str, times: tuple[in
 
 
 SENSOR_REACH_S = 1.0
-"""Sensors look no earlier and no later than so long beside their captures."""
+"""Largest time, seconds, between a capture and its sensor's rays."""
 
 
 def carried_outside(drive: Drive, scenario: Scenario, times_us: Iterable[int]) -> Drive:

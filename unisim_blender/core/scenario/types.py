@@ -68,7 +68,8 @@ class Scenario:
     path: Path = field(default=Path("scenario.json"), compare=False)
 
     def resolve(self, name: str) -> Path:
-        """A path of the document, made absolute; of a URL, the path of a copy of what lies there. Raises `InputError`."""
+        """Return a path of the document as an absolute path; of a URL, the path of a local copy. Raises
+        `InputError`."""
         if is_url(name):
             return local_path(name)
         return (self.path.parent / name).resolve()

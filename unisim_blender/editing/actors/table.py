@@ -17,17 +17,14 @@ from ...core.world.drive import Actor
 from ..sampled.clock import Clock
 from ..sampled.scene import UNIT, Factors, scale_text, size_text
 from ..sampled.source import DriveSource
-from ..texts import Text
-
-HALF_S = 0.1
-"""Speed is that between this time before and after the frame, in seconds."""
+from ..texts import Text, kmh
 
 
 @dataclass(frozen=True)
 class ActorTrack:
-    """One actor at the clock's frames (N,): positions (N, 3) in the world, whether it is there (N,). ``edited`` tells
-    whether it differs from what was recorded, ``group`` and ``label`` are its class, ``steps`` (S, 2) the seconds from
-    when to when it is there."""
+    """One actor at the clock's frames (N,): positions (N, 3) in the world, whether it is there (N,), its speeds (N,), NaN
+    where it is not. ``edited`` tells whether it differs from what was recorded, ``group`` and ``label`` are its class,
+    ``steps`` (S, 2) the seconds from when to when it is there."""
 
     name: str
     uid: str
@@ -35,6 +32,7 @@ class ActorTrack:
     group: str
     positions: FloatArray
     there: BoolArray
+    speed_m_s: FloatArray
     steps: FloatArray
     edited: bool
 
@@ -61,11 +59,10 @@ def values_at(tracks: list[ActorTrack], ego: FloatArray, clock: Clock, frame: fl
     positions = np.stack([track.positions for track in tracks])
     now = float(clock.time_s(np.array(frame)))
     apart = at_time(positions, clock, now) - at_time(ego, clock, now)
-    moved = at_time(positions, clock, now + HALF_S) - at_time(positions, clock, now - HALF_S)
-    number = int(np.clip(np.searchsorted(clock.frames, frame + 1e-6, side="right") - 1, 0, len(clock.frames) - 1))
+    number = clock.index(frame)
     return FrameValues(
         np.linalg.norm(apart, axis=-1),
-        np.linalg.norm(moved, axis=-1) / (2 * HALF_S),
+        np.array([track.speed_m_s[number] for track in tracks]),
         np.array([track.there[number] for track in tracks]),
     )
 
@@ -219,7 +216,7 @@ def distance_text(entry: Entry) -> str:
 
 def speed_text(entry: Entry) -> str:
     """Return an actor's speed in km/h; a dash where it is not there."""
-    return f"{entry.speed_m_s * 3.6:.0f}" if entry.there else "–"
+    return kmh(entry.speed_m_s).removesuffix(" km/h") if entry.there else "–"
 
 
 def time_text(entry: Entry) -> str:

@@ -299,23 +299,37 @@ def joined(parts: Iterable[str]) -> str:
 
 
 def path_phrases(
-    obj: SampledObject, base: FloatArray, lifted: FloatArray, there: BoolArray, actor: Actor | None, clock: Clock
+    obj: SampledObject,
+    base: FloatArray,
+    lifted: FloatArray,
+    there: BoolArray,
+    actor: Actor | None,
+    clock: Clock,
+    axes: FloatArray | None = None,
 ) -> list[str]:
     """Return in phrases how an object moves otherwise than ``base`` (N, 4, 4), which lies ``lifted`` for an object with
-    another appearance or scale."""
+    another appearance or scale. Directions are those of the ``axes`` (3, 3), of its own where that is None."""
     at = obj.there & there if (obj.there & there).any() else obj.there
     few = Clock(clock.frames[at], clock.times_s[at])
+    turn = np.eye(3) if axes is None else axes @ np.swapaxes(base[at, :3, :3], -1, -2)
     parts = []
+    poses, start, raised = (turned(poses[at], turn) for poses in (obj.poses, base, lifted))
     if obj.ridden is not None and actor is not None:
-        recorded = actor.world_from_actor
-        parts.append(trajectory_words(few, obj.ridden[at], base[at], recorded, is_retimed(obj, recorded, clock)))
-        rise = invert_pose(base[at]) @ lifted[at]
-        parts.append(displaced_words(invert_pose(obj.ridden[at] @ rise) @ obj.poses[at]))
+        recorded, ridden = actor.world_from_actor, turned(obj.ridden[at], turn)
+        parts.append(trajectory_words(few, ridden, start, recorded, is_retimed(obj, recorded, clock)))
+        parts.append(displaced_words(invert_pose(ridden @ (invert_pose(start) @ raised)) @ poses))
     else:
-        parts.append(trajectory_words(few, obj.poses[at], lifted[at], None, False))
+        parts.append(trajectory_words(few, poses, raised, None, False))
     if (obj.there != there).any() and not any(part.startswith("Retimed") for part in parts):
         parts.append(presence_words(clock, obj.there))
     return [part for part in parts if part]
+
+
+def turned(poses: FloatArray, turn: FloatArray) -> FloatArray:
+    """Return poses (N, 4, 4) turned on the spot by rotations (N, 3, 3) or one of them."""
+    new = poses.copy()
+    new[:, :3, :3] = turn @ poses[:, :3, :3]
+    return new
 
 
 def is_retimed(obj: SampledObject, recorded: Trajectory, clock: Clock) -> bool:

@@ -15,6 +15,7 @@ from ...core.geometry import BoolArray, FloatArray
 from ...core.scenario.edit import Edit
 from ...core.scenario.motion.placement import BoxSpec
 from ...core.world.drive import Actor, Drive
+from ..sampled.axes import axes_of
 from ..sampled.clock import Clock, recorded_poses, recorded_there
 from ..sampled.scene import Sampled, SampledObject
 from ..sampled.source import scene_actors
@@ -116,6 +117,11 @@ class ActorEditContext:
     def recorded_there(self) -> BoolArray:
         """Whether the recorded actor is there (N,)."""
         return recorded_there(self.known, self.reading.drive, self.clock)
+
+    @property
+    def axes(self) -> FloatArray | None:
+        """Axes (3, 3) in which its displacements are given; None for its own."""
+        return axes_of(self.known.label, self.recorded[0, :3, 3], self.reading.drive)
 
     @cached_property
     def lifted(self) -> FloatArray:

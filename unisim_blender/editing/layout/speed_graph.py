@@ -10,7 +10,9 @@ import numpy as np
 
 from ...core.geometry import FloatArray
 from ..motion.kinematics import QUANTITIES, MotionComparison, MotionProfile
-from ..texts import Text, series
+from ..motion.retiming import instant
+from ..sampled.clock import Clock
+from ..texts import Text, kmh, series
 from .chart import ticks
 
 WIDTH, HEIGHT = 440, 214
@@ -136,9 +138,7 @@ def moment(graph: MotionComparison, frame: float) -> GraphShapes:
         what = Text("edited blue, recorded grey")
     shapes.texts.append((series([graph.name, what], ": "), 6, HEIGHT - 15, INK))
     (time, _), (speed, _), *over = values(graph, frame)
-    shapes.texts.append(
-        (Text("{time} (frame {frame:g}): {speed}", time=time, frame=float(frame), speed=speed), 6, HEIGHT - 32, INK)
-    )
+    shapes.texts.append((series([time, speed], ": "), 6, HEIGHT - 32, INK))
     for i, name in enumerate(QUANTITIES):
         text, is_over = over[i] if over else ("", False)
         shapes.texts.append((series([STRIPS[name], text], " "), 6, low_of_strip(i) + 1, OVER if is_over else INK))
@@ -148,12 +148,15 @@ def moment(graph: MotionComparison, frame: float) -> GraphShapes:
 def values(graph: MotionComparison, frame: float) -> list[tuple[str, bool]]:
     """Return the values at a frame as texts, and whether each is over its limit: time, speed,
     accelerations and curvature."""
-    at = int(np.argmin(np.abs(graph.frames - frame)))
     now = graph.now
+    clock = Clock(graph.frames, now.times_s)
+    at, time = clock.index(frame), instant(float(clock.time_s(np.array(frame))), clock)
+    if not graph.frames[0] <= frame < graph.frames[-1] + 1:
+        return [(time, False), (Text("outside the drive"), False)]
     speed = now.speed_m_s[at]
     if not np.isfinite(speed):
-        return [(f"{now.times_s[at]:.2f} s", False), (Text("not present"), False)]
-    rows = [(f"{now.times_s[at]:.2f} s", False), (f"{speed * KMH:.1f} km/h", False)]
+        return [(time, False), (Text("not present"), False)]
+    rows = [(time, False), (kmh(float(speed)), False)]
     for name, digits in (("acceleration_m_s2", 1), ("lateral_m_s2", 1), ("curvature_1_m", 3)):
         value = getattr(now, name)[at]
         text = (

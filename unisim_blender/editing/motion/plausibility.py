@@ -16,7 +16,7 @@ from ..sampled.clock import Clock, recorded_poses, recorded_there
 from ..sampled.scene import WHY, Sampled, SampledObject, Scaling, differs, scale_text
 from ..sampled.source import DriveSource
 from ..sensors.lenses import degrees_across
-from ..texts import Text, translatable
+from ..texts import Text, kmh, translatable
 from .kinematics import Limits, ObjectTrack, compared, describe, is_limited, label_of
 
 SIDEWAYS_RAD = np.radians(25)
@@ -103,7 +103,7 @@ def _motion(obj: SampledObject, label: str, clock: Clock) -> Iterator[Finding]:
     too_fast = both & (speed > limit)
     if too_fast.any():
         at = int(np.argmax(np.where(too_fast, speed, 0)))
-        yield Finding(obj.name, int(clock.frames[at]), Text("goes {speed:.0f} km/h", speed=float(speed[at] * 3.6)))
+        yield Finding(obj.name, int(clock.frames[at]), Text("goes {speed}", speed=kmh(float(speed[at]))))
     if is_limited(label):
         ahead = obj.poses[:-1, :3, 0]
         along = np.abs((step * ahead).sum(1)) / np.maximum(np.linalg.norm(step, axis=1), 1e-9)

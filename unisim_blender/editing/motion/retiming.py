@@ -15,11 +15,14 @@ from .braking import Approach
 
 
 def instant(time_s: float, clock: Clock) -> str:
-    """Return a time of the log with its frame, as "1.20 s (frame 12.0)"."""
-    frame = round(float(clock.frame(np.array(time_s))), 1)
-    return Text(
-        "{time:.2f} s (frame {frame:.1f})", time=round(time_s, 2) + 0.0, frame=frame + 0.0
-    )  # no minus before a zero
+    """Return a time of the log with its frame, as "1.20 s (frame 12)"."""
+    return instant_of(time_s, float(clock.frame(np.array(time_s))))
+
+
+def instant_of(time_s: float, frame: float) -> str:
+    """Return the same of a time and its frame."""
+    time, frame = round(time_s, 2) + 0.0, round(float(frame), 1) + 0.0  # no minus before a zero
+    return Text("{time:.2f} s (frame {frame:g})", time=time, frame=frame)
 
 
 def duration(seconds: float, clock: Clock) -> str:
@@ -28,7 +31,7 @@ def duration(seconds: float, clock: Clock) -> str:
 
 
 def span(start_s: float, end_s: float, clock: Clock) -> str:
-    """Return from when to when something is, as "From 1.20 s (frame 12.0) to 2.00 s (frame 20.0)"."""
+    """Return from when to when something is, as "From 1.20 s (frame 12) to 2.00 s (frame 20)"."""
     return Text("From {start} to {end}", start=instant(start_s, clock), end=instant(end_s, clock))
 
 

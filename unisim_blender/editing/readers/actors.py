@@ -197,7 +197,7 @@ class MoveReader(ActorReader[Move]):
         differs = (obj.there != there) | (obj.there & ~same(obj.poses, raised))
         if obj.scale_lift_m and not differs.any():
             return None
-        words = joined(path_phrases(obj, context.recorded, raised, there, context.known, context.clock))
+        words = joined(path_phrases(obj, context.recorded, raised, there, context.known, context.clock, context.axes))
         return line_of("ACTOR", edit.actor, "MOVE", words or Text("Moved"), context.names, differs, context.clock, edit)
 
 
@@ -279,7 +279,9 @@ class DuplicateReader(NewActorReader[Duplicate]):
     def line(self, edit: Duplicate, context: ActorEditContext) -> EditLine:
         """Return where the copy is, beside the recorded actor."""
         obj, base = context.here, context.recorded
-        words = path_phrases(obj, base, context.raised, context.recorded_there, context.known, context.clock)
+        words = path_phrases(
+            obj, base, context.raised, context.recorded_there, context.known, context.clock, context.axes
+        )
         words[:1] = [unmoved(phrase) for phrase in words[:1]]
         what = Text("Copied: {how}", how=cased(joined(words), LOWER)) if words else Text("Copied, in place")
         return line_of("ACTOR", obj.uid, "COPY", what, context.names, obj.there, context.clock, edit)

@@ -38,6 +38,10 @@ class Clock:
         """Frames a second."""
         return float((self.frames[-1] - self.frames[0]) / (self.times_s[-1] - self.times_s[0]))
 
+    def index(self, frame: float) -> int:
+        """The index of the frame that counts at ``frame``, whole or not: each counts until the next."""
+        return int(np.clip(np.searchsorted(self.frames, frame + 1e-6, side="right") - 1, 0, len(self.frames) - 1))
+
     def around(self, frame: float) -> Clock:
         """The clock of the frames next to ``frame``: the two or three that a frame's sensors may look at."""
         first = int(np.searchsorted(self.frames, frame, side="left")) - 1

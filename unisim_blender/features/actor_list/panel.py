@@ -3,6 +3,7 @@
 import bpy
 
 from ...editing.actors.table import dense, distance_text, speed_text, time_text
+from ...editing.texts import kmh
 from ...translations import interface, localized
 from ..sidebar import DrivePanel
 from . import listing
@@ -59,7 +60,7 @@ class UNISIM_UL_actors(bpy.types.UIList):
             column.active = entry.there and not entry.hidden
             column.scale_y = 0.9
             column.label(text=text, icon=icon)
-            line = f"{distance_text(entry)} m, {speed_text(entry)} km/h" if entry.there else interface("not there now")
+            line = f"{distance_text(entry)} m, {kmh(entry.speed_m_s)}" if entry.there else interface("not there now")
             below = column.row()  # Blender takes a click on a list's row in its first line alone
             below.alignment = "LEFT"
             time = interface("{time} s", time=time_text(entry))

@@ -10,15 +10,22 @@ import bpy
 import numpy as np
 from bpy.props import EnumProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
+from mathutils import Matrix
 
 from ...bridge.changes.carriers.scale import give_box
+from ...bridge.changes.motion import move_along
 from ...bridge.objects.imported import box_mesh, collection_of, new_actor, source_of
+from ...bridge.sampling.stepping import frame_of
+from ...bridge.views.actors import ego_poses, neighbours
 from ...bridge.window import Need, choose, chosen, drive, object_mode, refresh, selected
 from ...core.actor_images.names import group_of, readable_names
 from ...core.errors import UnisimError
 from ...core.model.scene_file import HEADER_NAME, read_scene_header
 from ...core.world.drive import Actor
 from ...editing.actors.table import class_and_size, named_actors, natural
+from ...editing.motion.placement import place_ahead
+from ...editing.motion.plausibility import ground_height
+from ...editing.sampled.clock import Clock
 from ...translations import interface, message
 from ..actor_list.operators import GROUPS
 from ..operator_bases import Needing, reporting
@@ -276,8 +283,34 @@ class UNISIM_OT_replace_appearance(Needing, _Chooses, bpy.types.Operator):
         return {"FINISHED"}
 
 
+PLACES = (
+    (
+        "AHEAD",
+        "In front of the ego",
+        "On the ego vehicle's path or the nearest one, at its speed, clear of other actors",
+    ),
+    ("CURSOR", "At the 3D cursor", "At the 3D cursor, standing"),
+)
+
+
+def put_ahead(scene: bpy.types.Scene, obj: bpy.types.Object, actor: Actor) -> None:
+    """Put a new object for an actor in front of the ego vehicle at the current frame."""
+    source = source_of(scene)
+    drive, clock = source.drive, Clock.of(source.drive)
+    at = int(np.abs(clock.frames - frame_of(scene)).argmin())
+    ego, others = ego_poses(scene, drive, clock), neighbours(scene, obj, drive, clock)
+    size_m = actor.appearance_size_m
+    place = place_ahead(actor.label, size_m, ego, others, at, clock.times_s)
+    ground_m = None if place.height_m else ground_height(source, place.road, int(clock.frames[at]))
+    poses = place.on_ground(ground_m, float(size_m[2]))
+    if place.stands:
+        obj.location, obj.rotation_quaternion, _ = Matrix(poses[at].tolist()).decompose()
+    else:
+        move_along(obj, poses, clock)
+
+
 class UNISIM_OT_insert_actor(Needing, _Chooses, bpy.types.Operator):
-    """Insert an actor of the drive or of a trained scene at the 3D cursor"""
+    """Insert an actor of the drive or of a trained scene in front of the ego vehicle, or at the 3D cursor"""
 
     bl_idname = "unisim.insert_actor"
     bl_label = "Insert Actor"
@@ -297,6 +330,12 @@ class UNISIM_OT_insert_actor(Needing, _Chooses, bpy.types.Operator):
     group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
     page: IntProperty(name="Page", description="Page that is shown; 0 for all at once", min=0, update=other_page)
     appearance: EnumProperty(name="Actor", description="Actor to insert", items=inserted)
+    where: EnumProperty(name="Where", description="Location of the actor", items=PLACES)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the thumbnails, and where the actor goes."""
+        super().draw(context)
+        self.layout.prop(self, "where", text="")
 
     def folder(self) -> str:
         """Of the file that was chosen."""
@@ -317,7 +356,7 @@ class UNISIM_OT_insert_actor(Needing, _Chooses, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """A box that stands on the ground at the cursor."""
+        """A box that stands on the ground."""
         folder = self.folder()
         choice = choice_of(context, folder)
         vehicles = listed(choice, "CAR") or listed(choice, "ALL")
@@ -330,14 +369,18 @@ class UNISIM_OT_insert_actor(Needing, _Chooses, bpy.types.Operator):
         obj = new_actor(choice.names[uid], actor)
         collection_of(context.scene, "ACTOR").objects.link(obj)
         obj.unisim.look, obj.unisim.look_scene = uid, folder
-        obj.location = np.array(context.scene.cursor.location) + [0.0, 0.0, actor.size_m[2] / 2]
-        obj.rotation_quaternion = context.scene.cursor.matrix.to_quaternion()
+        if self.where == "CURSOR":
+            obj.location = np.array(context.scene.cursor.location) + [0.0, 0.0, actor.size_m[2] / 2]
+            obj.rotation_quaternion = context.scene.cursor.matrix.to_quaternion()
+        else:
+            put_ahead(context.scene, obj, actor)
         choose(context, obj)
+        refresh([obj])
         return {"FINISHED"}
 
 
 class UNISIM_OT_insert_from(Needing, bpy.types.Operator, ImportHelper):
-    """Choose another trained scene, and insert one of its actors at the 3D cursor"""
+    """Choose another trained scene, and insert one of its actors"""
 
     bl_idname = "unisim.insert_from"
     bl_label = "Insert from Another Scene"

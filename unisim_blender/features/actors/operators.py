@@ -4,8 +4,8 @@ import bpy
 import numpy as np
 from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
 
-from ...bridge.changes.motion import displaced_along, moved_to
-from ...bridge.objects.imported import copy_of, forget_static, mark_static
+from ...bridge.changes.motion import displaced_beside, moved_to
+from ...bridge.objects.imported import copy_of, forget_static, mark_static, source_of
 from ...bridge.objects.meshes import make_actor, parts, size_of
 from ...bridge.objects.trajectories import remove
 from ...bridge.sampling.stepping import frame_of
@@ -40,16 +40,17 @@ class UNISIM_OT_duplicate_actor(Needing, bpy.types.Operator):
         name="Lane width", description="Distance to the next lane", default=LANE_M, min=0.5, soft_max=6.0, unit="LENGTH"
     )
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Copy each and put the copy where it was asked for."""
-        sources, copies = chosen(context, "ACTOR"), []
+        sources, copies, recorded = chosen(context, "ACTOR"), [], source_of(context.scene).drive
         for source in sources:
             copy = copy_of(context, source)
             if self.where == "CURSOR":
                 moved_to(copy, context.scene.cursor.location, frame_of(context.scene))
             elif self.where != "IN_PLACE":
                 beside = float(size_of(source)[1]) + GAP_M if self.where in ("LEFT", "RIGHT") else self.lane_m
-                displaced_along(copy, (0.0, beside if self.where.endswith("LEFT") else -beside, 0.0))
+                displaced_beside(copy, (0.0, beside if self.where.endswith("LEFT") else -beside, 0.0), recorded)
             copies.append(copy)
         choose(context, *copies)
         refresh(copies)

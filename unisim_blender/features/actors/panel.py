@@ -10,6 +10,7 @@ from ...bridge.views.actors import card_of
 from ...core.errors import UnisimError
 from ...editing.actors.table import ActorCard
 from ...editing.sampled.scene import size_text
+from ...editing.texts import kmh
 from ...translations import interface, localized
 from ..sidebar import DrivePanel, row_of
 from . import thumbnails
@@ -66,7 +67,7 @@ class UNISIM_PT_actor(DrivePanel, bpy.types.Panel):
         row_of(box, "Actor", card.name if card else interface("no active actor"), "OBJECT_DATA")
         row_of(box, "Class", f"{card.label} ({localized(card.role)})" if card else "")
         row_of(box, "Size", card.size if card else "")
-        row_of(box, "Speed", f"{card.speed_m_s * 3.6:.0f} km/h" if card else "")
+        row_of(box, "Speed", kmh(card.speed_m_s) if card else "")
         row_of(box, "Distance", f"{card.distance_m:.1f} m" if card else "")
         span = card.present_s if card else None
         row_of(box, "Present", interface("{start:.1f} to {end:.1f} s", start=span[0], end=span[1]) if span else "")

@@ -7,14 +7,14 @@ import numpy as np
 from bpy.props import EnumProperty, FloatProperty
 
 from ...bridge.changes.motion import displaced_along, follow, retimed, shift, stopped
-from ...bridge.objects.imported import look_scene_of, source_of
+from ...bridge.objects.imported import class_of, source_of
 from ...bridge.objects.meshes import size_of
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.window import allowed, chosen, counted_names, object_mode, refresh, selected
 from ...core.errors import UnisimError
 from ...core.world.drive import Drive
 from ...editing.motion.braking import Approach, Habits, habits_of
-from ...editing.motion.kinematics import describe, label_of
+from ...editing.motion.kinematics import describe
 from ...editing.motion.plausibility import ground_height
 from ...editing.motion.retiming import Retiming, followed, followed_briefly, later_or_earlier
 from ...editing.sampled.clock import Clock
@@ -82,8 +82,7 @@ class Braking:
 
 def actor_habits(obj: bpy.types.Object, drive: Drive) -> Habits:
     """Return how an actor of its class moves."""
-    about = obj.unisim
-    return habits_of(label_of(about.kind, about.look or about.uid, look_scene_of(obj), about.label, drive))
+    return habits_of(class_of(obj, drive))
 
 
 class UNISIM_OT_follow_curve(FromTime, Braking, bpy.types.Operator):
@@ -309,9 +308,9 @@ class UNISIM_OT_shift_actor(Needing, bpy.types.Operator):
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Shift each and report what was done."""
-        clock = Clock.of(source_of(context.scene).drive)
+        drive = source_of(context.scene).drive
         actors = chosen(context, "ACTOR")
-        said = [sentence for obj in actors if (sentence := shift(obj, self.left_m, self.ahead_m, self.later_s, clock))]
+        said = [sentence for obj in actors if (sentence := shift(obj, self.left_m, self.ahead_m, self.later_s, drive))]
         refresh(actors)
         summary = localized(said[0]) if said else message("Nothing is shifted: all amounts are 0")
         if len(said) > 1:

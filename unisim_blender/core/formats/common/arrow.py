@@ -114,12 +114,14 @@ def feather_bytes(columns: Mapping[str, Any]) -> bytes:
 
 
 Kind = Literal["number", "whole", "text", "pose"]
-"""Numbers are float64 (N,), whole numbers int64 (N,), texts str (N,), poses lists of 16 numbers, row by row, as (N, 4, 4)."""
+"""Kind of a column: numbers are float64 (N,), whole numbers int64 (N,), texts str (N,), poses (N, 4, 4) float64 from
+lists of 16 numbers, row by row."""
 ArrowColumns = dict[str, NDArray[Any]]
 RIGID = 1e-3
-"""How far from a rotation's the products of a pose's axes may be."""
+"""Largest difference of the products of a pose's axes from those of a rotation."""
 ROUNDED = 1e-9
-"""Those of poses that are further are made a rotation's, so that directions keep their length."""
+"""Largest such difference at which a pose is used unchanged; others get the nearest rotation, so that directions keep
+their length."""
 
 
 def arrow(path: Path) -> ModuleType:

@@ -1,6 +1,7 @@
-"""Annotated boxes, one a frame, to actors: when the beams passed them, and which of them move.
+"""Conversion of annotated boxes, one a frame, to actors: the times at which the beams passed them, and which of them
+move.
 
-A box was drawn around the returns of a turning LiDAR, so the object was there when the beams passed it.
+A box is drawn around the returns of a turning LiDAR, so the object was there when the beams passed it.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from ...geometry import (
 from ...world.drive import Actor, Appearance, Drive, Lidar
 
 ROUNDS = 3
-"""Where an actor is depends on when it is passed; a round is enough but for the fastest."""
+"""Number of iterations for the time at which an actor is passed, which depends on its place then."""
 
 
 def box_poses(drive: Drive, lidar: Lidar, frame: int) -> tuple[list[Actor], FloatArray]:
@@ -42,7 +43,7 @@ def box_poses(drive: Drive, lidar: Lidar, frame: int) -> tuple[list[Actor], Floa
 
 
 def passing(actors: Sequence[Actor], lidar: Lidar, frame_time_s: float) -> FloatArray:
-    """Return when the beams of the sweep at a frame's time pass each actor (N,)."""
+    """Return the times (N,), seconds, at which the beams of the sweep at a frame's time pass each actor."""
     times = np.full(len(actors), frame_time_s)
     if not len(actors):
         return times
@@ -53,19 +54,22 @@ def passing(actors: Sequence[Actor], lidar: Lidar, frame_time_s: float) -> Float
 
 
 INNER = 0.8
-"""Beams count that meet this share of a box: those along its edges end on the ground beside it, too."""
+"""Factor on the edges of a box for the inner box whose rays count: those along its edges end on the ground beside it, too."""
 BEFORE_M = 0.3
-"""A beam that ends this far before a box is stopped by something else."""
+"""Distance before a box, metres, at which a ray that ends there is stopped by something else."""
 
 
 def hidden_shares(
     origins: FloatArray, points: FloatArray, poses: FloatArray, sizes_m: FloatArray
 ) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Return of boxes, poses (A, 4, 4) and sizes (A, 3), and a sweep's returns, rays from ``origins`` to ``points`` (N, 3): the
-    share of the rays towards each box that end before it (A,), NaN where none goes there; and how many returns lie in it (A,).
+    """Return the share (A,) of the rays towards each box that end before it, NaN where none goes there, and the number
+    (A,) of returns in each box; of boxes with ``poses`` (A, 4, 4) and ``sizes_m`` (A, 3), and rays from ``origins`` (N,
+    3) to returns ``points`` (N, 3), world frame.
 
-    Dropped rays tell nothing.
+    Dropped rays do not count.
     """
+    assert origins.shape == points.shape == (len(points), 3), (origins.shape, points.shape)
+    assert poses.shape[:1] == np.shape(sizes_m)[:1], (poses.shape, np.shape(sizes_m))
     ways = points - origins
     distance = np.linalg.norm(ways, axis=1)
     rays = ways / np.maximum(distance, 1e-9)[:, None]
@@ -89,18 +93,21 @@ def hidden_shares(
 
 
 STILL_M = 1.0
-"""Of an actor that stands still nine in ten boxes lie within this of their median. In a recorded drive of Argoverse 2 the boxes
-of parked vehicles wander by up to 0.9 m as the LiDAR sees more of them, and those of moving ones by 2.7 m and more."""
+"""Distance, metres, from their median within which nine in ten boxes of an actor that stands still lie. In a recorded
+drive of Argoverse 2 the boxes of parked vehicles wander by up to 0.9 m as the LiDAR sees more of them, and those of
+moving ones by 2.7 m and more."""
 STILL_DEFORMING_M = 0.5
-"""The same for people: there those who stand wander by up to 0.5 m, those who walk by 2.4 m and more."""
+"""`STILL_M` of people: those who stand wander by up to 0.5 m, those who walk by 2.4 m and more."""
 HALF_FRAME_S = 0.05
-"""An actor is there from half a frame before its first box to half a frame after its last."""
+"""Half a frame, seconds: an actor is present from that before its first box to that after its last."""
 CLOSEST_KEYS_S = 0.03
-"""Where an object crosses a sweep's seam it is passed twice in a moment; the second of two such boxes is left out."""
+"""Smallest time, seconds, between two keys: an object at a sweep's seam is passed twice, and the second box is left
+out."""
 
 
 def passing_times(lidar: Lidar, positions: FloatArray, frame_times_s: FloatArray) -> FloatArray:
-    """Return when the beams of the sweep of each frame's time (T,) pass points (T, 3) of the world: (T,), seconds."""
+    """Return the times (T,), seconds, at which the beams of the sweep at each frame's time (T,) pass points (T, 3),
+    world frame."""
     model = lidar.model
     turned = 0.0 if lidar.phase is None else np.interp(frame_times_s, lidar.phase.times_s, lidar.phase.turned_rad)
     times = frame_times_s + model.time_offset_s - model.sweep_s / 2
@@ -115,8 +122,8 @@ def passing_times(lidar: Lidar, positions: FloatArray, frame_times_s: FloatArray
 
 @dataclass(frozen=True)
 class TrackedBoxes:
-    """Boxes, N of them, in the order of their frames: uid, label (N,) texts, frame_time_s (N,), poses (N, 4, 4) in the world
-    frame, size_m (N, 3), and key_s (N,), when each box was where it is."""
+    """Boxes, N of them, in the order of their frames: uid, label (N,) texts, frame_time_s (N,), poses (N, 4, 4), world
+    frame, size_m (N, 3), and key_s (N,), the time at which each box was there."""
 
     uid: NDArray[Any]
     label: NDArray[Any]
@@ -148,7 +155,8 @@ def actors_of_boxes(path: Path, boxes: TrackedBoxes) -> dict[str, Actor]:
 
 
 def _actor(uid: str, boxes: TrackedBoxes, rows: NDArray[np.int64], quaternions: FloatArray) -> Actor:
-    """One that stands still is put at its boxes' median, and turned as those are that agree with the box nearest to it."""
+    """Return an actor of boxes ``rows``. One that stands still is put at its boxes' median, with the mean rotation of
+    those that agree with the box nearest to it."""
     frame_times, times, positions = boxes.frame_time_s[rows], boxes.key_s[rows], boxes.poses[rows, :3, 3]
     label = str(boxes.label[rows[0]])
     middle = np.median(positions, 0)
@@ -185,8 +193,8 @@ def spread_keys(times_s: FloatArray) -> list[int]:
 
 
 def _mean_quaternion(quaternions: FloatArray, about: int) -> FloatArray:
-    """The mean (4,) of quaternions (T, 4) within 30 degrees of the one numbered ``about``: a box may be turned round in some
-    frames."""
+    """Return the mean (4,) of quaternions (T, 4) within 30 degrees of the one numbered ``about``: a box may be reversed
+    in some frames."""
     reference = quaternions[about]
     dots = quaternions @ reference
     near = np.abs(dots) > np.cos(np.radians(15.0))

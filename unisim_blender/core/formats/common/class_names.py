@@ -95,7 +95,7 @@ def renamed(drive: Drive, dataset: str) -> tuple[Drive, dict[str, str]]:
 
 
 def renamed_sentence(names: dict[str, str]) -> str:
-    """Return what of classes is not as it was, in a sentence; "" where nothing is."""
+    """Return a sentence on the renamed classes; "" where there is none."""
     if not names:
         return ""
     return "classes are renamed: " + ", ".join(f"{label} to {name}" for label, name in names.items())

@@ -39,7 +39,7 @@ def cached_image(layout: str, store: Path, camera: str, name: str, content: Call
 
 
 SAMPLED_SWEEPS = 8
-"""Sweeps, spread over a log, from which the cells are found that the vehicle itself blocks."""
+"""Number of sweeps, spread over a log, from which the cells that the vehicle blocks are found."""
 
 
 class FileLog(ABC):
@@ -66,7 +66,7 @@ class FileLog(ABC):
 
     @abstractmethod
     def _size_stated(self, camera: str) -> str:
-        """Return what gives the size of a camera's images, in a sentence that goes on with it: "the table gives"."""
+        """Return the source of the size of a camera's images, as the beginning of a sentence: "the table gives"."""
 
     def image_frames(self, camera: str) -> tuple[int, ...]:
         """Captures of which the camera has an image."""

@@ -1,4 +1,4 @@
-"""Images as files of other layouts: bytes are kept where the layout has files of their kind."""
+"""Images as files of other layouts: bytes stay unchanged where the layout has files of their kind."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ...world.drive import Camera, CameraModel
 
 ROWS_AT_ONCE = 128
 COARSEST = 0.5
-"""A pixel at the optical axis is as large as this share of a recorded one at least."""
+"""Smallest resolution at the optical axis, relative to that of the recorded image."""
 
 
 class Rectification:
@@ -61,7 +61,7 @@ class Rectification:
         return out
 
     def _places(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Where each pixel's ray lies in the recorded image, u and v (H, W); worked out once."""
+        """Points u, v (H, W), pixels, of the recorded image for each pixel's ray; computed once."""
         if self._table is None:
             model = self.model
             at = np.meshgrid(np.arange(model.width) + 0.5, np.arange(model.height) + 0.5)
@@ -71,12 +71,13 @@ class Rectification:
 
 
 def rectification_of(camera: Camera) -> Rectification | None:
-    """Return how a camera's images are rectified; None where its lens is an ideal pinhole."""
+    """Return the rectification of a camera's images; None where its lens is an ideal pinhole."""
     return None if camera.model.is_pinhole else Rectification(camera)
 
 
 def _scale(source: CameraModel, alike: CameraModel) -> float:
-    """By how much a pinhole of the lens's resolution at the axis is coarsened, to see as far as the image's sides show."""
+    """Return the factor by which a pinhole of the lens's resolution at the axis is coarsened to see as far as the
+    image's sides."""
     u = np.array([0.0, source.width, source.cx, source.cx])
     v = np.array([source.cy, source.cy, 0.0, source.height])
     rays, mine = source.unproject(u, v), alike.unproject(u, v)
@@ -88,7 +89,7 @@ def _scale(source: CameraModel, alike: CameraModel) -> float:
 
 
 def _lost(source: CameraModel, pinhole: CameraModel) -> str:
-    """How much of the recorded image lies outside of the pinhole's, in words."""
+    """Return the share of the recorded image that lies outside of the pinhole's, in words."""
     u, v = np.meshgrid(np.linspace(0.5, source.width - 0.5, 65), np.linspace(0.5, source.height - 0.5, 65))
     rays = source.unproject(u, v)
     shown = np.isfinite(rays[..., 2])

@@ -1,4 +1,4 @@
-"""Messages that a run consists of, in no format yet, and the order in which formats have them.
+"""Messages of a run, independent of a format, and their order.
 
 Times: integer nanoseconds. World, boxes and sensors: axes as in `world.drive`.
 """
@@ -30,11 +30,11 @@ class Run(Protocol):
     shift_ns: int
 
     def about(self) -> dict[str, str]:
-        """Return what messages do not say, as texts by name."""
+        """Return the metadata that messages do not have, as texts by name."""
         ...
 
     def name_of(self, image: ImageMessage) -> str:
-        """Return what an image is called in files that name it."""
+        """Return the name of an image in files that refer to it."""
         ...
 
     def messages(self) -> Iterator[Message]:
@@ -105,7 +105,7 @@ SECOND_NS = 1_000_000_000
 WORLD, REAR_AXLE = "world", "rear_axle"
 """Frames of reference beside `EGO`, the vehicle's; a sensor's is its name."""
 TRANSFORMS, MOUNTS, BOXES, EGO_STATE, EGO_PLAN = "/tf", "/tf_static", "/boxes", "/ego/state", "/ego/plan"
-"""Topics of what is of no sensor."""
+"""Topics of messages that belong to no sensor."""
 
 POINT_FIELDS = np.dtype(
     [
@@ -113,7 +113,8 @@ POINT_FIELDS = np.dtype(
         ("time", "<f8"),
     ]
 )  # fmt: skip
-"""As in a sweep's own files, but that ``instance`` counts in the whole run's list (`FinishedRun.instances`)."""
+"""Fields of a point as in a sweep's own files, but ``instance`` counts in the whole run's list
+(`FinishedRun.instances`)."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +148,7 @@ class BoxLabels:
 
 @dataclass(frozen=True)
 class Mounts:
-    """Where sensors sit on the vehicle, poses in the frame EGO by sensor, from ``time_ns`` on: of those that ride on it."""
+    """Mounts of the sensors that ride on the vehicle, from ``time_ns`` on: poses in the frame EGO by sensor."""
 
     time_ns: int
     poses: Mapping[str, Pose]

@@ -1,4 +1,4 @@
-"""Sensors as layouts have them that know one turning LiDAR and cameras fixed to the vehicle."""
+"""Sensors in layouts with one turning LiDAR and cameras fixed to the vehicle."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class RigLayout:
 
 @dataclass
 class RigRecording:
-    """A log as a `RigLayout` has it, to be written below ``root``: all that its files follow from.
+    """A log in the terms of a `RigLayout`, to be written below ``root``: the source of all its files.
 
     ``name`` is the drive's, as a file's; ``mount`` (4, 4) the LiDAR's on the vehicle; ``sweeps``: stamps by frame, which follow
     each other. ``losses`` and ``camera_losses`` have a sentence for each thing that is lost, "" for nothing.
@@ -212,7 +212,7 @@ def fixed_mount(name: str, track: Trajectory, ego: Trajectory, times_s: FloatArr
 
 
 def moved(off_m: float, off_rad: float) -> str:
-    """Return how far something moves, in words."""
+    """Return a movement of ``off_m``, metres, and ``off_rad``, radians, in words."""
     return f"{1e3 * off_m:.1f} mm and {np.degrees(off_rad):.2f} degrees"
 
 

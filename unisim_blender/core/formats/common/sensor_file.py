@@ -1,4 +1,5 @@
-"""`meta/unisim.json`: what PandaSet's layout has no place for, so that a log written by us reads back as it was.
+"""`meta/unisim.json`: the data that PandaSet's layout has no place for, so that a log written by us reads back
+unchanged.
 
 It holds the frames, the world's and the clock's origin, the cameras' shutters and lenses, and the LiDARs' mounts and beam tables.
 A log of PandaSet's own has none, and PandaSet's tools pass over it.
@@ -35,7 +36,7 @@ FORMAT, VERSION = "unisim-log", 1
 
 @dataclass(frozen=True)
 class LidarSetup:
-    """A LiDAR's number in a sweep's column ``d``, its mount (4, 4), its beams, and how its sweeps turn beside them."""
+    """A LiDAR's number in a sweep's column ``d``, its mount (4, 4), its beams, and the phase of its sweeps."""
 
     device: int
     ego_from_lidar: FloatArray
@@ -54,18 +55,18 @@ class LogSetup:
     shutters: dict[str, RollingShutter]
     lidars: dict[str, LidarSetup]
     lenses: dict[str, Lens] = field(default_factory=dict)
-    """Of cameras whose lens is no ideal pinhole."""
+    """Lenses of cameras that are not ideal pinholes."""
     readouts: dict[str, Readouts] = field(default_factory=dict)
-    """Of cameras whose images differ in how long they take to be read out."""
+    """Readouts of cameras whose images differ in readout time."""
 
 
 def setup_path(log: Path) -> Path:
-    """Where a log holds it."""
+    """Return the path of a log's setup file."""
     return log / "meta" / "unisim.json"
 
 
 def write_setup(log: Path, setup: LogSetup) -> None:
-    """Write it, float64 to the bit. Raises `OutputError`."""
+    """Write a log's setup, float64 to the bit. Raises `OutputError`."""
     document = {
         "format": FORMAT,
         "version": VERSION,
@@ -87,7 +88,7 @@ def write_setup(log: Path, setup: LogSetup) -> None:
 
 
 def read_setup(log: Path) -> LogSetup | None:
-    """The setup of a log, None where it has none; LogError where it is wrong."""
+    """Return the setup of a log; None where it has none. Raises `LogError`."""
     path = setup_path(log)
     if not path.exists():
         return None

@@ -49,7 +49,8 @@ class LogWriter(Protocol):
     about: str
     """Layout that it writes, for the command's help: "KITTI's raw layout, one camera rig and one LiDAR"."""
     version: int
-    """Counted up when the same log gives other files: what an older program began is not gone on with."""
+    """Version of the files, raised when the same log gives other files: what an older program began is not
+    continued."""
 
     def plan(self, log: Log, path: Path) -> WritePlan:
         """Plan a log in the folder ``path``, which need not be there yet; nothing of images and sweeps is read before a part is
