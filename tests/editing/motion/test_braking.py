@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from unisim_blender.core.geometry import FloatArray, quaternion_from_yaw
-from unisim_blender.editing.motion.braking import HABITS, Approach, Stop, braked, habits_of, stopped_keys
+from unisim_blender.editing.motion.braking import HABITS, Approach, StopInMotion, braked, habits_of, stopped_keys
 from unisim_blender.editing.motion.keys import TrajectoryKeys, extended
 from unisim_blender.editing.motion.kinematics import Limits, MotionProfile, motion_of
 from unisim_blender.editing.sampled.clock import Clock
@@ -21,7 +21,7 @@ def straight(speed_m_s: float, wander_m: float = 0.0) -> TrajectoryKeys:
     return TrajectoryKeys(frames, np.stack([x, 0 * x, 0 * x], -1), quaternion_from_yaw(np.zeros(81)))
 
 
-def with_stop(keys: TrajectoryKeys, hard: float) -> tuple[Stop, TrajectoryKeys, MotionProfile, FloatArray]:
+def with_stop(keys: TrajectoryKeys, hard: float) -> tuple[StopInMotion, TrajectoryKeys, MotionProfile, FloatArray]:
     """A stop of a second from 1 s on, its keys, its motion and its places along the way."""
     stop = braked(keys, 1.0, 1.0, hard, 2.0, CLOCK)
     now = stopped_keys(keys, stop, CLOCK)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...core.geometry import FloatArray, matrix_from_quaternion, quaternion_from_matrix
 from ...core.world.drive import Drive
-from ...editing.motion.braking import Approach, Stop, braked, stopped_keys
+from ...editing.motion.braking import Approach, StopInMotion, braked, stopped_keys
 from ...editing.motion.keys import TrajectoryKeys, along_line, is_path, shifted_keys
 from ...editing.motion.retiming import later_or_earlier
 from ...editing.sampled.axes import axes_of
@@ -100,7 +100,7 @@ def _moved(curve: bpy.types.FCurve, at: Callable[[FloatArray], FloatArray]) -> N
     curve.update()
 
 
-def _hold_value(curve: bpy.types.FCurve, stop: Stop, clock: Clock) -> None:
+def _hold_value(curve: bpy.types.FCurve, stop: StopInMotion, clock: Clock) -> None:
     """Hold a curve's value while its object stands, and move what comes after the stop."""
     first, last = clock.frame(np.array(stop.stands_s))
     value = curve.evaluate(float(clock.frame(stop.earlier(np.array(stop.stands_s[0])))))

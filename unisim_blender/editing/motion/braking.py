@@ -73,7 +73,7 @@ APART_S = 1e-6
 
 
 @dataclass(frozen=True)
-class Stop:
+class StopInMotion:
     """A stop on a trajectory: times on it (K,), and the later times (K,) at which the actor is there instead, both
     rising; from when to when it stands."""
 
@@ -92,7 +92,7 @@ class Stop:
 
 def braked(
     keys: TrajectoryKeys, start_s: float, stands_s: float, braking_m_s2: float, start_m_s2: float, clock: Clock
-) -> Stop:
+) -> StopInMotion:
     """Return the stop of what brakes from a time on, stands for ``stands_s`` and then speeds up at ``start_m_s2`` until
     it is as fast as its trajectory."""
     times_s = clock.time_s(keys.frames)
@@ -109,10 +109,10 @@ def braked(
     after = np.sqrt(2 * (gone[stop:] - gone[stop]) / start_m_s2)
     takes = np.concatenate([-np.diff(before), [stands_s], np.diff(after)])
     new = start_s + np.concatenate([[0.0], np.cumsum(np.maximum(np.diff(old), takes))])
-    return Stop(old, new, (float(new[stop]), float(new[stop + 1])))
+    return StopInMotion(old, new, (float(new[stop]), float(new[stop + 1])))
 
 
-def stopped_keys(keys: TrajectoryKeys, stop: Stop, clock: Clock) -> TrajectoryKeys:
+def stopped_keys(keys: TrajectoryKeys, stop: StopInMotion, clock: Clock) -> TrajectoryKeys:
     """Return keys of a trajectory with a stop, at the clock's frames too from where it brakes on."""
     times_s = clock.time_s(keys.frames)
     new = np.concatenate([stop.later(times_s), clock.times_s[clock.times_s > stop.after_s[0]], stop.stands_s])
