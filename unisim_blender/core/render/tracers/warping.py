@@ -1,10 +1,10 @@
-"""Rays coloured from recorded images (after Free View Synthesis, Riegler and Koltun, ECCV 2020): a `tracer.Tracer` over
-surfels as the geometry.
+"""Image-based rendering (after Free View Synthesis, Riegler and Koltun, ECCV 2020): a `tracer.Tracer` that colours rays
+from recorded images, with surfels as the geometry.
 
-Where a ray hits a surfel, the place is looked up in the images about the camera, an actor's in its own box, so that it
-may stand elsewhere now. An image counts where nothing hid the place from it, the more the nearer its ray came to ours.
-What no image shows has the surfel's own colour; where there is no surfel, images are turned as if all
-were infinitely far.
+The point where a ray hits a surfel is projected into recorded images near the camera; a point of an actor in the
+actor's own box, so that the actor may be elsewhere now. An image contributes where nothing hides the point from it,
+weighted by the angle between its ray and the rendered one. Points that no image shows have the surfel's own colour;
+rays that hit no surfel take the image's colour at infinite distance.
 """
 
 from __future__ import annotations
@@ -30,15 +30,17 @@ from .surfels.tracer import SurfelBackend, SurfelTracer
 from .surfels.views import RecordedView, open_view
 
 NEAREST_IMAGES = 2
+"""Number of nearest images for rays of a camera on its recorded trajectory."""
 SHIFT_FRAMES = (0, -4, 4, -8, -12)
-"""UniSim's supplementary, 2.1: two images for the recorded trajectory; beside it every fourth from 12 frames
-before to 4 after."""
+"""Offsets, in frames, of the images for rays of a camera beside its recorded trajectory (UniSim's supplementary,
+2.1)."""
 MIN_ASIDE_M = 0.5
 """A camera at least this far from its recorded trajectory counts as beside it."""
 TIME_WEIGHT_M_PER_S = 0.5
-"""Distance, in metres, that a time difference of a second counts as: where the vehicle stands, what was seen last is nearest."""
+"""Distance, metres, that a time difference of a second counts as: while the vehicle stands, the latest image is
+nearest."""
 MIN_FACING_COSINE = 0.2
-"""Cosine between a camera's axis and where rays go, from which on its images are looked at."""
+"""Smallest cosine between a camera's axis and the rays' direction at which its images are used."""
 DEPTH_WIDTH_PX = 640
 MAX_CACHED_IMAGES = 24
 """Largest number of decoded images that are cached."""
@@ -52,7 +54,7 @@ class SourceImage(NamedTuple):
 
 
 class Sources:
-    """A log's images of the ``frames`` that may be used, with the depths of a scene's surfels in them."""
+    """A log's images of ``frames``, with the depths of a scene's surfels in them."""
 
     def __init__(self, log: Log, scene: SurfelScene, frames: Sequence[int]) -> None:
         self.log, self.drive = log, log.drive
@@ -77,7 +79,7 @@ class Sources:
         return tuple(actor.uid for actor in there if actor.uid not in now)
 
     def view(self, source: SourceImage, shrink: int, elsewhere: tuple[str, ...]) -> RecordedView:
-        """The image at one ``shrink``-th of its width; ``elsewhere`` as the method of that name gives it.
+        """Return the image at one ``shrink``-th of its width; ``elsewhere`` is the result of the method of that name.
         Raises `LogError`."""
         key = *source, shrink, elsewhere
         if key not in self._views:
@@ -93,12 +95,12 @@ class Sources:
         return self._views[key]
 
     def shrink(self, camera: str, pixel_rad: float) -> int:
-        """How much smaller an image may be whose pixels are to show no less than ``pixel_rad``."""
+        """Return the factor by which an image may be reduced for pixels of at most ``pixel_rad``, radians."""
         return int(np.clip(self.drive.cameras[camera].model.pixels_per_rad * pixel_rad + 0.25, 1, 8))
 
     def about(self, origin: FloatArray, direction: FloatArray, time_s: float) -> list[SourceImage]:
-        """The images for rays from a place (3,) in about that direction (3,) at a time, the camera
-        that faces it first."""
+        """Return the images for rays from ``origin`` (3,) near ``direction`` (3,), world frame, at ``time_s``, those of
+        the camera that faces the direction best first."""
         by_camera: list[list[SourceImage]] = []
         for name in self._facing(direction):
             times, poses = self.poses[name]
@@ -114,7 +116,7 @@ class Sources:
         return [source for images in by_camera for source in images]
 
     def farther(self, origin: FloatArray, direction: FloatArray, time_s: float) -> list[SourceImage]:
-        """More images, for what those show that lies behind something there."""
+        """Return further images for rays as in `about`, for places that are hidden in those."""
         sources = []
         for name in self._facing(direction)[:1]:
             times, poses = self.poses[name]
@@ -125,8 +127,8 @@ class Sources:
         return list(dict.fromkeys(sources))
 
     def of_actor(self, uid: str, place: FloatArray, direction: FloatArray) -> list[SourceImage]:
-        """The images that show an actor as it is seen from a place (3,) in its box, in a direction
-        (3,) of the world."""
+        """Return the images that show an actor as it is seen from ``place`` (3,) in its box, in ``direction`` (3,),
+        world frame."""
         actor, distances = self.recorded[uid], []
         for name in self._facing(direction):
             times, poses = self.poses[name]
@@ -142,12 +144,12 @@ class Sources:
         return [source for distance, source in sorted(distances) if np.isfinite(distance)][:NEAREST_IMAGES]
 
     def _facing(self, direction: FloatArray) -> list[str]:
-        """Cameras by how well they face a direction (3,)."""
+        """Return the cameras that face ``direction`` (3,), world frame, the best first."""
         facing = {name: float(poses[:, :3, 2].mean(0) @ direction) for name, (_, poses) in self.poses.items()}
         return [name for name in sorted(facing, key=lambda n: (-facing[n], n)) if facing[name] > MIN_FACING_COSINE]
 
     def unedited(self, actor: Actor, state: WorldState) -> bool:
-        """Whether an actor of a state goes the way that was recorded, as large as it was."""
+        """Return whether an actor of a state has its recorded trajectory and size."""
         recorded = self.recorded.get(actor.uid)
         if recorded is None or actor.appearance.actor != actor.uid or actor.is_scaled:
             return False
@@ -157,13 +159,13 @@ class Sources:
 
 Numbers = NDArray[np.int64]
 MIN_ANGLE_RAD = 0.004
-"""Rays that come nearer to each other than this count alike."""
+"""Angle between rays, radians, below which weights hardly rise."""
 FEATHER_SHARE = 0.04
-"""An image counts less and less over this share of its width, towards its edges."""
+"""Share of an image's width, at its edges, over which its weight falls."""
 
 
 class WarpBackend(SurfelBackend):
-    """Surfels with the images that they were painted from, those of ``frames``; see `SurfelBackend`."""
+    """Surfels and the images of ``frames`` that they were painted from; see `SurfelBackend`."""
 
     sees_all = True  # recorded images show actors that are elsewhere now
 
@@ -214,8 +216,8 @@ class WarpTracer(SurfelTracer):
         return painted, unsupported & ~some
 
     def _add_edited(self, total: FloatArray, rays: Rays, hits: SurfelHits, number: int, pixel_rad: float) -> None:
-        """Colours of an actor on another trajectory than the recorded one, or scaled, from the images that show it
-        from the same side."""
+        """Add the colours of an actor on another trajectory than the recorded one, or scaled, from the images that show
+        it from the same side."""
         actor = self.active.own.actors[number]
         mine = np.flatnonzero(hits.owner == number)
         middle = mine[len(mine) // 2]
@@ -229,7 +231,7 @@ class WarpTracer(SurfelTracer):
     def _add(
         self, total: FloatArray, rays: Rays, hits: SurfelHits, chosen: Numbers, source: SourceImage, pixel_rad: float
     ) -> None:
-        """Add to sums (N, 4) of weighted colours and weights what an image shows of the chosen rays."""
+        """Add an image's colours of the chosen rays to sums (N, 4) of weighted colours and weights."""
         if len(chosen) == 0:
             return
         view = self.sources.view(source, self.sources.shrink(source.camera, pixel_rad), self.elsewhere)
@@ -268,7 +270,8 @@ class WarpTracer(SurfelTracer):
         placed: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
         static: bool,
     ) -> None:
-        """``ours`` are our rays' directions (N, 3) to points (N, 3), in the world as the image shows it."""
+        """Add the colours of points (N, 3) that the image sees. ``ours`` (N, 3) are the rendered rays' directions to
+        them, in the world as the image shows it."""
         u, v, z, distance = placed
         inside = view.inside(u, v, z)
         inside[inside] = view.sees(u[inside], v[inside], distance[inside], static)
@@ -296,8 +299,8 @@ class WarpTracer(SurfelTracer):
 
 
 def _rows(rays: Rays) -> Iterator[tuple[Numbers, FloatArray, FloatArray, float]]:
-    """Rays in groups that share their images: numbers (M,), an origin (3,), a direction (3,), a time. All
-    of one exposure."""
+    """Yield groups of an exposure's rays that share their images: numbers (M,), an origin (3,), a direction (3,), a
+    time."""
     if len(rays.time_s):
         middle = len(rays.time_s) // 2
         direction = rays.directions.mean(0)

@@ -1,2 +1,2 @@
-"""Rendering with numpy and the compiled kernels alone: what Blender's own Python can run. Torch is
-its specification."""
+"""Rendering with numpy and the compiled kernels alone, which Blender's own Python can run. Torch is its
+specification."""

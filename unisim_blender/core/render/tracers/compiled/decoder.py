@@ -1,5 +1,5 @@
-"""Decode composited features to what a sensor measures, with numpy and the compiled kernels. `model/decode.py` is the
-specification."""
+"""Decoding of composited features to a sensor's measurements, with numpy and the compiled kernels. `model/decode.py` is
+the specification."""
 
 from __future__ import annotations
 
@@ -77,8 +77,8 @@ class Decoder:
             self._sample = _Head(f, 0, perceptron("sample_head"))
 
     def image(self, features: NDArray[Any], directions: NDArray[Any], camera: int = -1) -> Array:
-        """The image (h up, w up, 3) in 0..1, display-referred sRGB, of features (h, w, F) seen along unit
-        directions (h, w, 3).
+        """Return the image (h up, w up, 3) in 0..1, display-referred sRGB, of features (h, w, F) seen along unit
+        directions (h, w, 3), world frame.
 
         ``camera`` numbers the camera codes; -1 stands for a camera that was not trained and takes their mean.
         """
@@ -102,9 +102,9 @@ class Decoder:
     def returns(
         self, feature: NDArray[Any], directions: NDArray[Any], depth_m: NDArray[Any], opacity: NDArray[Any]
     ) -> tuple[Array, Array]:
-        """Intensity in 0..1 (N,) and the logit of a return (N,).
+        """Return the intensity in 0..1 (N,) and the logit of a return (N,).
 
-        feature (N, F), directions (N, 3) unit, depth_m and opacity (N,).
+        feature (N, F), directions (N, 3) unit, world frame, depth_m (N,), metres, opacity (N,).
         """
         extra = np.stack(
             [np.log1p(np.asarray(depth_m, np.float32)) / np.float32(5), np.asarray(opacity, np.float32)], -1
@@ -164,13 +164,14 @@ def _contiguous(values: NDArray[Any], shape: tuple[int, ...]) -> Array:
 
 
 def sigmoid(x: Array) -> Array:
-    """1 / (1 + exp(-x)), elementwise: exp of the negative magnitude never overflows."""
+    """Return 1 / (1 + exp(-x)), elementwise: exp of the negative magnitude never overflows."""
     e = np.exp(-np.abs(x))
     return np.where(x >= 0, 1, e) / (1 + e)
 
 
 def extended_over_edges(feature: NDArray[Any], opacity: NDArray[Any], cells: int) -> Array:
-    """A foreign actor's features (h, w, F), divided by its opacity (h, w) and extended by ``cells`` past its edges.
+    """Return a foreign actor's features (h, w, F), divided by its opacity (h, w) and extended by ``cells`` past its
+    edges.
 
     A cell that the actor does not cover takes the mean of the nine around it, those outside the image
     counting as empty.
@@ -194,7 +195,8 @@ def _neighbours(padded: NDArray[Any]) -> list[NDArray[Any]]:
 
 
 def resized(image: NDArray[Any], shape: tuple[int, int]) -> Array:
-    """An image (h, w, C) at another ``shape`` (h', w'), bilinear, its corners' outer edges staying where they are."""
+    """Return an image (h, w, C) at another ``shape`` (h', w'), bilinear, with the outer edges of its corners
+    aligned."""
     out = np.asarray(image, np.float32)
     for axis, size in enumerate(shape):
         n = out.shape[axis]

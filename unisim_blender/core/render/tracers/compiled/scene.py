@@ -68,8 +68,8 @@ class VoxelCells(NamedTuple):
 
 
 def stored(weights: Weights, header: SceneHeader, voxels: int) -> VoxelCells | None:
-    """The cells in a scene's weights, for so many occupied voxels; None where they are missing or of other kernels.
-    Raises `SceneError`."""
+    """Return the cells in a scene's weights, for ``voxels`` occupied voxels; None where they are missing or of other
+    kernels. Raises `SceneError`."""
     key = weights.arrays.get("cells.key")
     if key is None or key.tobytes() != _key(header):
         return None
@@ -78,7 +78,7 @@ def stored(weights: Weights, header: SceneHeader, voxels: int) -> VoxelCells | N
 
 
 def to_store(cells: VoxelCells, header: SceneHeader) -> dict[str, NDArray[Any]]:
-    """The arrays that `stored` finds."""
+    """Return the arrays that `stored` reads."""
     return {
         "cells.key": np.frombuffer(_key(header), np.uint8),
         "cells.kinds": cells.kinds.view(np.int16),
@@ -87,7 +87,8 @@ def to_store(cells: VoxelCells, header: SceneHeader) -> dict[str, NDArray[Any]]:
 
 
 def cached_cells(header: SceneHeader, voxels: int, work_out: Callable[[], VoxelCells]) -> VoxelCells:
-    """The cells from the user's cache folder, where they are left if they are not there and it can be written."""
+    """Return the cells from the user's cache folder, or those of ``work_out``, which are stored there where it can be
+    written."""
     identity = [_key(header).hex(), weights_hash(header.path), _library_hash(), native.variant()]
     file = cache_folder() / "cells" / f"{hashlib.sha256(' '.join(identity).encode()).hexdigest()}.npz"
     with suppress(OutputError, KeyError):
@@ -123,11 +124,11 @@ def _library_hash() -> str:
 
 
 SUPPORTED_VALUES = {"density": ("logistic", "unisim"), "colour": ("decoded",), "actors": ("hypernetwork", "tables")}
-"""Values that the kernels know."""
+"""Values of a configuration that the kernels support."""
 
 
 def not_taken(config: ModelConfig) -> str:
-    """The values of a configuration that the kernels do not know, in words; "" where they know them all."""
+    """Return the values of a configuration that the kernels do not support, in words; "" where they support all."""
     return " and ".join(
         f"{name} {value!r}"
         for name in SUPPORTED_VALUES
@@ -257,11 +258,12 @@ class CompiledScene:
         return struct
 
     def into_volume(self, points: FloatArray) -> FloatArray:
-        """World points (N, 3) in volume coordinates."""
+        """Return world points (N, 3) in volume coordinates."""
         return transform_points(self._volume_from_world, points)
 
     def height_above_ground(self, points: FloatArray) -> FloatArray:
-        """How high world points (N, 3) are above the ground (N,): bilinear between the cells' middles."""
+        """Return the heights (N,), metres, of world points (N, 3) above the ground: bilinear between the cells'
+        middles."""
         x, ground = self.into_volume(points), self._ground
         place = np.clip(x[:, :2] / GROUND_CELL_M - 0.5, 0, np.array(ground.shape) - 1)
         i = place.astype(np.int64)
@@ -270,7 +272,7 @@ class CompiledScene:
         return x[:, 2] - ((1 - u) * near + u * far)
 
     def supported(self, points: FloatArray) -> NDArray[np.bool_]:
-        """Which world points (N, 3) lie where the recording saw something, or beyond the volume: (N,)."""
+        """Return which world points (N, 3) lie where the recording saw something, or beyond the volume: (N,) bool."""
         x = self.into_volume(points)
         outside = ((x < 0) | (x > self.volume.size_m)).any(1)
         cell = np.clip(np.floor(x / self.config.voxel_m), 0, np.array(self.observed.shape) - 1).astype(np.int64)
@@ -296,8 +298,8 @@ class CompiledScene:
 
 
 def cells_to_store(header: SceneHeader, weights: Weights) -> dict[str, NDArray[Any]]:
-    """Arrays to store with a scene's weights, so that opening it evaluates nothing; none without kernels, and for a
-    scene that cannot be opened."""
+    """Return the arrays to store with a scene's weights, so that opening it evaluates nothing; none without kernels,
+    and for a scene that cannot be opened."""
     if native.library() is None:
         return {}
     try:

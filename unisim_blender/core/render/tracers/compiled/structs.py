@@ -123,16 +123,16 @@ class TraceResultStruct(ctypes.Structure):
 
 
 def address(array: NDArray[Any] | None) -> int | None:
-    """The address of a contiguous array's numbers, valid as long as somebody holds the array; None for none."""
+    """Return the address of a contiguous array's numbers, valid while the array is referenced; None for None."""
     assert array is None or array.flags.c_contiguous
     return None if array is None else array.ctypes.data
 
 
 def floats(values: Any) -> NDArray[np.float32]:
-    """Contiguous float32."""
+    """Return a contiguous float32 array."""
     return np.ascontiguousarray(values, np.float32)
 
 
 def doubles(values: Any) -> NDArray[np.float64]:
-    """Contiguous float64."""
+    """Return a contiguous float64 array."""
     return np.ascontiguousarray(values, np.float64)

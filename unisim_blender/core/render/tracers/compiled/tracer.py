@@ -72,8 +72,8 @@ class _BoxTrajectories:
         }
 
     def struct(self, candidates: Sequence[int]) -> tuple[ActorSetStruct, Any]:
-        """The structure for rays that can hit only these boxes, and the array that it points to
-        beside this object's."""
+        """Return the structure for rays that can hit only these boxes, and the array that it points to beside this
+        object's."""
         numbers = np.array(candidates, np.int32)
         scene = ctypes.pointer(self.scene.struct)
         pointers = {name: address(array) for name, array in self.arrays.items()}
@@ -97,8 +97,8 @@ class CompiledActors:
         self._removal_sizes = floats([box.size_m for box in active.removals])
 
     def struct(self, rays: Rays) -> tuple[ActiveActorsStruct, list[Any], int]:
-        """The structure for these flat rays, what it points to beside this object's arrays, and how many
-        actors were culled."""
+        """Return the structure for these flat rays, the arrays that it points to beside this object's, and the number
+        of culled actors."""
         candidates = [boxes.bounds.in_reach(rays) for boxes in self.actor_sets]
         pairs = [boxes.struct(some) for boxes, some in zip(self.actor_sets, candidates, strict=True)]
         actor_sets = (ActorSetStruct * len(pairs))(*(pair[0] for pair in pairs))
@@ -119,14 +119,14 @@ class CompiledActors:
 CHUNK_RAYS = 1 << 18
 """Rays per call of the kernel: between two calls Python can be interrupted."""
 STATS_RAY_STRIDE = 16
-"""One in so many rays is used to estimate how many samples were saved."""
+"""Stride through the rays by which the number of saved samples is estimated."""
 STEP_GROWTH_PER_M = 0.02
-"""Growth of the march's longest step per metre of distance, relative: what is far away is small in the image."""
+"""Relative growth of the march's longest step per metre of distance: distant things are small in the image."""
 MIN_SLOPE = 0.2
-"""Behind a surface the distance is taken to fall by at least this much per metre."""
+"""Smallest slope of the signed distance behind a surface, per metre, that the march assumes."""
 MIN_STEP_M = 0.01
 MIN_SPLIT_WEIGHT = 0.2
-"""Intervals of a smaller weight are not halved."""
+"""Smallest weight of an interval that is halved."""
 
 
 class CompiledBackend:

@@ -1,2 +1,1 @@
-"""A log's LiDAR returns as small faces that rays hit: a renderer that needs no training (LiDARsim,
-Manivasagam et al., 2020)."""
+"""Surfels of a log's LiDAR returns: a renderer that needs no training (LiDARsim, Manivasagam et al., 2020)."""

@@ -1,6 +1,6 @@
 """Construction of a log's surfels: gather returns, lay faces on them, paint them from the images, count drops.
 
-Faces lie on local planes of the points: each place's normal, and how densely points lie about it.
+Faces lie on local planes of the points, with the normal and the density of the points around them.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ PointArray = NDArray[np.float32]
 
 
 class FittedPlanes(NamedTuple):
-    """Of places (N, 3): number (N,) of the points that were looked at; normal (N, 3), unit, 0 where they are fewer than
-    three; height_m (N,) of their mean over the place along the normal, and rough_m (N,), their deviation along it;
-    reach_m (N,) from the place to the farthest of them."""
+    """Planes fitted to the points near places (N, 3): number (N,) of the points; normal (N, 3), unit, 0 for fewer than
+    three points; height_m (N,) of their mean over the place along the normal, and rough_m (N,), their deviation along
+    it; reach_m (N,), the distance from the place to the farthest of them."""
 
     number: NDArray[np.int32]
     normal: NDArray[np.float32]
@@ -46,13 +46,14 @@ class FittedPlanes(NamedTuple):
 
 
 class Neighbours:
-    """Points (N, 3) sorted into cubes of ``radius_m``, ready to be asked for those near a place. Raises `SceneError`
-    where the compiled kernels are absent: the plain reference, of the tests, is for small clouds alone."""
+    """Points (N, 3) sorted into cubes of ``radius_m``, to find those near a place. Raises `SceneError` where the
+    compiled kernels are absent: the plain reference, of the tests, is for small clouds alone."""
 
     def __init__(self, points: PointArray, radius_m: float) -> None:
         self.lib = native.library()
         if self.lib is None:
             raise SceneError("surfels are made by the compiled kernels, which are not there: run make setup")
+        assert points.ndim == 2 and points.shape[1] == 3, points.shape
         self.radius_m = radius_m
         low = points.min(0).astype(np.float64) - 2 * radius_m if len(points) else np.zeros(3)
         cell = np.floor((points - low) / radius_m).astype(np.int64)
@@ -67,8 +68,9 @@ class Neighbours:
         self.low, self.dims = np.ascontiguousarray(low), np.ascontiguousarray(dims)
 
     def planes(self, places: PointArray, most: int) -> FittedPlanes:
-        """The planes through the ``most`` points nearest to each place (M, 3), within the radius."""
+        """Return the planes through the ``most`` points nearest to each place (M, 3), within the radius."""
         assert self.lib is not None
+        assert places.ndim == 2 and places.shape[1] == 3, places.shape
         places, m = np.ascontiguousarray(places, np.float32), len(places)
         planes = FittedPlanes(
             np.empty(m, np.int32), np.empty((m, 3), np.float32), *(np.empty(m, np.float32) for _ in range(3))
@@ -80,34 +82,36 @@ class Neighbours:
 
 
 NORMAL_NEIGHBOURS, NORMAL_RADIUS_M = 200, 0.2
-"""A normal is that of at most so many points this near; where they are fewer than `MIN_NEIGHBOURS`, of `SPARSE_RADIUS_M`."""
+"""Largest number of points of a normal, and their distance, metres; `SPARSE_RADIUS_M` where they are fewer than
+`MIN_NEIGHBOURS`."""
 MIN_NEIGHBOURS, SPARSE_RADIUS_M, SPARSE_NEIGHBOURS = 8, 0.6, 24
 ROAD_IN_BOX_M = 3 * GROUND_CLEARANCE_M
 """Height, in metres, above an actor's underside up to which returns may be the road's."""
 MIRROR_RADIUS_M = 0.2
-"""A vehicle's other side counts where nothing of this one is as near."""
+"""Distance, metres, to the nearest return beyond which mirrored returns of a vehicle's other side are used."""
 GROUND_GAP_M, GROUND_REACH_M = 0.2, 30.0
-"""Ground gets a face in squares of this edge where none lies yet, so near the vehicle's trajectory."""
+"""Edge, metres, of the squares without a face that get one on the ground, and their distance from the trajectory."""
 SPACING_NEIGHBOURS = 6
 """Number of neighbours whose distance measures the density of points."""
 MAX_FLAT_DEVIATION = 0.15
-"""Faces grow where points deviate from their plane by less than this share of the distance between them."""
+"""Largest deviation of points from their plane, relative to the distance between them, at which faces grow."""
 CORNER_SPACING_FACTOR = 1.1
 """Distance of a face's corners from its middle, relative to that of the points."""
 BATCH_POINTS = 1 << 17
 IMAGES_PER_CAMERA = 16
-"""Images of each camera, spread over the drive, that faces are painted from."""
+"""Number of images of each camera, spread over the drive, that faces are painted from."""
 IMAGE_WIDTH_PX, DEPTH_WIDTH_PX = 960, 320
 DROP_SWEEPS = 6
 
 
 PRUNING_SWEEPS, PRUNING_ROUNDS = 12, 2
 PASS_THROUGH_M, MAX_PASS_THROUGH_SHARE = 0.3, 0.01
-"""A beam that returned farther away than this behind a face went through it."""
+"""Distance, metres, behind a face beyond which a beam that returned went through it, and the largest share of such
+beams."""
 
 
 class Step(NamedTuple):
-    """How far a build is: what it does now, and the share that is done."""
+    """Progress of a build: its present step in words, and the share that is done."""
 
     text: str
     share: float
@@ -116,9 +120,10 @@ class Step(NamedTuple):
 def build_surfels(
     log: Log, settings: SurfelSettings, frames: Sequence[int] | None = None
 ) -> Iterator[Step | SurfelScene]:
-    """Steps, and at last the scene. ``frames`` are those whose sweeps and images are looked at; all where None.
+    """Build the surfels of a log: yield steps, and last the scene. ``frames`` are those whose sweeps and images are
+    used; all where None.
 
-    Raises `LogError` where there is no sweep to make surfels of.
+    Raises `LogError` where there is no sweep.
     """
     drive = log.drive
     chosen = set(drive.frames if frames is None else frames)
@@ -185,7 +190,7 @@ def build_surfels(
 
 
 def finished(steps: Iterator[Step | SurfelScene], on_step: Callable[[Step], object] = lambda step: None) -> SurfelScene:
-    """The scene at the end of its build."""
+    """Return the scene of a build, once it is finished."""
     for step in steps:
         if isinstance(step, SurfelScene):
             return step
@@ -196,7 +201,7 @@ def finished(steps: Iterator[Step | SurfelScene], on_step: Callable[[Step], obje
 def _as_steps(
     faces: Generator[float, None, SurfelSet], text: str, begin: float, span: float
 ) -> Generator[Step, None, SurfelSet]:
-    """The same work, its shares told as steps."""
+    """Yield the progress of ``faces`` as steps, from ``begin`` on over ``span``."""
     while True:
         try:
             yield Step(text, begin + span * next(faces))
@@ -214,7 +219,7 @@ def _exhausted(faces: Generator[float, None, SurfelSet]) -> SurfelSet:
 
 
 class _Returns(NamedTuple):
-    """Points (N, 3), their intensities (N,) and where they were seen from (N, 3)."""
+    """Points (N, 3), their intensities (N,) and the places (N, 3) from which they were seen."""
 
     points: FloatArray
     intensity: FloatArray
@@ -241,7 +246,7 @@ def _mirrored(cloud: PointSums, actor: Actor) -> _Returns:
 
 
 def _faces(returns: _Returns, settings: SurfelSettings) -> Generator[float, None, SurfelSet]:
-    """Shares done, and at last faces on returns that were thinned to `FINE_M`."""
+    """Yield the shares done, and return faces on returns that were thinned to `POINT_CELL_M`."""
     key, total = summed(
         cube_keys(returns.points, settings.voxel_m),
         np.concatenate(
@@ -331,7 +336,7 @@ def _spread(items: Sequence[ItemT], count: int) -> list[ItemT]:
 
 
 def _pruned(surfels: PlacedSurfels, log: Log, name: str, frame: int) -> PlacedSurfels:
-    """The placed surfels less faces that a sweep's beams went through more often than they returned there."""
+    """Return the placed surfels without faces that a sweep's beams went through more often than they returned there."""
     grid = log.sweep_grid(name, frame)
     rays = Rays(grid.origins[grid.returned], grid.directions[grid.returned], grid.time_s[grid.returned])
     depth = grid.depth_m[grid.returned].astype(np.float64)

@@ -1,4 +1,4 @@
-"""Surfels on disk, made once of each log: a folder that may be deleted at any time."""
+"""Cache of surfels on disk, built once for each log: a folder that may be deleted at any time."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from .model import FORMAT_VERSION, SurfelScene, SurfelSettings, load_surfels, sa
 
 NOT_SURFELS = (
     "cli",
-    "convert",
+    "convert.py",
     "evaluation",
     "rigs",
     "sequence",
     "training",
     "worker",
 )
-"""Packages that take no part in making surfels of a log."""
+"""Packages that take no part in building surfels of a log."""
 MAX_CACHED_LOGS = 32
 """Largest number of logs whose surfels stay in the cache folder."""
 
 
 def surfels_of(log: Log, settings: SurfelSettings, frames: Sequence[int] | None = None) -> Iterator[Step | SurfelScene]:
-    """Steps of the build, none where the surfels are kept already, and at last the scene, mapped from disk.
+    """Yield the steps of the build, none where the surfels are cached, and last the scene, mapped from disk.
 
     Raises `LogError`, and `OutputError` where the folder cannot be written.
     """
@@ -66,7 +66,7 @@ def surfels_of(log: Log, settings: SurfelSettings, frames: Sequence[int] | None 
 
 
 def _forget_oldest(new: Path) -> None:
-    """Remove the surfels that were made the longest ago, of those beyond MOST_KEPT."""
+    """Remove the oldest surfels beyond `MAX_CACHED_LOGS`."""
     others = [path for path in new.parent.iterdir() if path.is_dir() and path != new and not path.name.startswith(".")]
     for old in sorted(others, key=lambda path: path.stat().st_mtime)[: max(0, len(others) + 1 - MAX_CACHED_LOGS)]:
         shutil.rmtree(old, ignore_errors=True)
@@ -80,7 +80,7 @@ def _cached(folder: Path) -> SurfelScene | None:
 
 
 def build_key(log: Log, settings: SurfelSettings, frames: Sequence[int] | None) -> str:
-    """A digest of all that surfels depend on."""
+    """Return a digest of all inputs of surfels."""
     document = {
         "version": FORMAT_VERSION,
         "code": code_digest(NOT_SURFELS),

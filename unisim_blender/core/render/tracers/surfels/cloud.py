@@ -1,4 +1,4 @@
-"""A log's returns of all sweeps, what stands still and each actor's own apart, thinned as they are gathered."""
+"""A log's returns of all sweeps, divided into static ones and those of each actor, thinned as they are gathered."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ....geometry import FloatArray, invert_pose
 from ....world.drive import Actor, Drive
 
 POINT_CELL_M = 0.04
-"""Returns in one cube of this edge become one point, their mean: what range noise there is averages out."""
+"""Edge, metres, of the cubes whose returns become one point, their mean, which averages range noise out."""
 BOX_MARGINS_M = np.array([0.15, 0.15, 0.1])
 """Margins beside an actor's box, metres, within which returns are the actor's too: annotated boxes are tight."""
 ACTOR_MOTION_SLACK_M = 4.0
@@ -24,7 +24,7 @@ MERGE_BATCH_POINTS = 1 << 21
 
 @dataclass
 class PointSums:
-    """Points as sums: key (N,) of cubes, rising; total (N, 8) of x, y, z, intensity, the sensor's x, y, z, and 1."""
+    """Points as sums: key (N,) of cubes, ascending; total (N, 8) of x, y, z, intensity, the sensor's x, y, z, and 1."""
 
     edge_m: float = POINT_CELL_M
     key: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
@@ -33,7 +33,7 @@ class PointSums:
     _count: int = 0
 
     def add(self, points: FloatArray, intensity: NDArray[np.float32], origins: FloatArray) -> None:
-        """Returns (N, 3) with intensities (N,) that rays from origins (N, 3) had."""
+        """Add returns (N, 3) with intensities (N,) of rays from origins (N, 3), metres."""
         rows = np.concatenate([points, intensity[:, None], origins, np.ones((len(points), 1))], 1)
         self._waiting.append((cube_keys(points, self.edge_m), rows))
         self._count += len(points)
@@ -41,7 +41,7 @@ class PointSums:
             self.merge()
 
     def merge(self) -> None:
-        """Sum what is in one cube."""
+        """Sum the points of each cube."""
         if self._waiting:
             key = np.concatenate([self.key, *(key for key, _ in self._waiting)])
             rows = np.concatenate([self.total, *(rows for _, rows in self._waiting)])
@@ -65,13 +65,13 @@ class PointSums:
 
 
 def cube_keys(points: FloatArray, edge_m: float) -> NDArray[np.int64]:
-    """One number (N,) for each cube of that edge, of points (N, 3) within 40 km of the origin."""
+    """Return the numbers (N,) int64 of the cubes of edge ``edge_m`` of points (N, 3) within 40 km of the origin."""
     cell = np.floor(points / edge_m).astype(np.int64) + (1 << 20)
     return (cell[:, 0] << 42) | (cell[:, 1] << 21) | cell[:, 2]
 
 
 def summed(key: NDArray[np.int64], rows: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
-    """The different keys, rising, and the sums of their rows."""
+    """Return the different keys (M,), ascending, and the sums (M, C) of their rows (N, C)."""
     if len(key) == 0:
         return key, rows
     order = np.argsort(key, kind="stable")
@@ -81,7 +81,7 @@ def summed(key: NDArray[np.int64], rows: FloatArray) -> tuple[NDArray[np.int64],
 
 
 def part_of(sweep: Sweep, rows: NDArray[np.int64]) -> Sweep:
-    """Some of a sweep's returns, without the rays that did not return."""
+    """Return some of a sweep's returns, without the rays that did not return."""
     arrays = {f.name: getattr(sweep, f.name) for f in fields(sweep) if f.name != "drops"}
     parts: dict[str, Any] = {name: None if array is None else array[rows] for name, array in arrays.items()}
     return Sweep(**parts)
@@ -90,8 +90,8 @@ def part_of(sweep: Sweep, rows: NDArray[np.int64]) -> Sweep:
 def gather_sweep(
     drive: Drive, actors: Sequence[Actor], sweep: Sweep, time_s: float
 ) -> tuple[NDArray[np.int64], FloatArray]:
-    """Which of the actors each return (N,) belongs to, -1 for none, and its place (N, 3) in that actor's box, or in the
-    world. ``time_s`` is the sweep's."""
+    """Return the index (N,) of the actor that each return belongs to, -1 for none, and its place (N, 3) in the actor's
+    box, or in the world. ``time_s`` is the sweep's."""
     owner, places = np.full(len(sweep.points), -1), sweep.points.copy()
     order = np.argsort(sweep.points[:, 0], kind="stable")
     rising = sweep.points[order, 0]

@@ -18,9 +18,9 @@ from .placed import PlacedSurfels
 from .views import RecordedView
 
 FACE_TILE_M = 8.0
-"""Faces that stand still are sorted out by cubes of this edge."""
+"""Edge, metres, of the cubes by which static faces are culled."""
 DOME_CELL_DEG = 0.2
-"""Edge of the dome's cells."""
+"""Edge of the dome's cells, degrees."""
 FILL_CUBE_EDGES_M = (0.3, 1.0, 4.0, 20.0)
 """Edges of cubes, metres: a face that no image shows has the mean colour of its cube, or of the next larger one where
 nothing in that was painted."""
@@ -31,14 +31,14 @@ FACE_STRIDE = 8
 
 @dataclass
 class _Canvas:
-    """Corners (F, 3, 3) of one set that is being painted, and how well each face was seen so far."""
+    """Corners (F, 3, 3) of a set that is being painted, and the quality of each face's best view so far."""
 
     faces: SurfelSet
     corners: FloatArray
     centres: FloatArray
     best: NDArray[np.float32]
     image: NDArray[np.int16]
-    """Which image each face was painted from."""
+    """Number of the image from which each face was painted."""
 
     @staticmethod
     def of(faces: SurfelSet) -> _Canvas:
@@ -71,7 +71,7 @@ class SurfelPainter:
         self._images = 0
 
     def paint(self, view: RecordedView) -> None:
-        """Take what an image shows."""
+        """Paint the faces that an image shows."""
         chosen = self._in_sight(view)
         self._faces(view, self.static, chosen, view.of_static, True)
         first, last = view.ends()
@@ -92,15 +92,15 @@ class SurfelPainter:
         self._images += 1
 
     def gains(self) -> FloatArray:
-        """Exposures (images, 3) of the images so far, in their order."""
+        """Return the exposures (images, 3) of the images so far, in their order."""
         parts = [(seen.place, seen.image, seen.colour) for seen in self._observations]
         if not parts:
             return np.ones((self._images, 3))
         return exposure_gains(Observations(*(np.concatenate(part) for part in zip(*parts, strict=True))), self._images)
 
     def dome(self, gains: FloatArray) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-        """Colours (rows, columns, 3) by direction, and where (rows, columns) images showed them;
-        elsewhere as beside."""
+        """Return colours (rows, columns, 3) by direction, and where (rows, columns) images showed them; elsewhere they
+        are those beside."""
         total = np.zeros((self._shape[0] * self._shape[1], 4))
         for gain, (cell, colour) in zip(gains, self._beyond, strict=True):
             for k in range(3):
@@ -115,7 +115,7 @@ class SurfelPainter:
         return np.clip(np.rint(colours), 0, 255).astype(np.uint8), seen.reshape(self._shape)
 
     def finish(self, gains: FloatArray) -> None:
-        """Take the images' exposures off, and give faces that no image showed the colours of what is about them."""
+        """Divide colours by the images' exposures, and give faces that no image showed the colours around them."""
         for canvas in (self.static, *self.placed):
             painted = canvas.faces.painted
             even = canvas.faces.colours[painted] / gains[canvas.image[painted], None]
@@ -123,7 +123,7 @@ class SurfelPainter:
             _spread(canvas)
 
     def _in_sight(self, view: RecordedView) -> NDArray[np.int64]:
-        """Faces that stand still in cubes that the image can show."""
+        """Return static faces in cubes that the image can show."""
         if len(self.tiles) == 0:
             return np.zeros(0, np.int64)
         inside = _in_frustum(view, (self.tiles + 0.5) * FACE_TILE_M, FACE_TILE_M * np.sqrt(3) / 2 + 1)
@@ -163,7 +163,7 @@ class SurfelPainter:
     def _observe(
         self, view: RecordedView, chosen: NDArray[np.int64], u: FloatArray, v: FloatArray, distance: FloatArray
     ) -> None:
-        """Note what an image shows of some of its faces (N,) at image points, that far away."""
+        """Note an image's colours of faces ``chosen`` (N,) at image points u, v (N,), at ``distance`` (N,), metres."""
         some = np.flatnonzero(chosen % FACE_STRIDE == 0)
         some = some[view.sees(u[some], v[some], distance[some], True)]
         number = np.full(len(some), self._images)
@@ -171,7 +171,7 @@ class SurfelPainter:
 
 
 def _in_frustum(view: RecordedView, middles: FloatArray, radius_m: float) -> BoolArray:
-    """Which spheres (N,) about places (N, 3), world frame, an image can show."""
+    """Return which spheres of ``radius_m`` around ``middles`` (N, 3), world frame, an image can show: (N,) bool."""
     local = transform_points(invert_pose(view.camera.world_from_camera.at(view.camera.time_s[view.frame])), middles)
     model = view.camera.model
     if not model.is_pinhole:
@@ -204,7 +204,8 @@ def _spread(canvas: _Canvas) -> None:
 
 
 def dome_cell(directions: FloatArray, shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """Cells (N,) of a dome (rows from the zenith down, columns counter-clockwise from x), of unit directions (N, 3)."""
+    """Return the cells (N,) of unit directions (N, 3) in a dome (rows from the zenith down, columns counter-clockwise
+    from x)."""
     rows, columns = shape[:2]
     row = np.arccos(np.clip(directions[:, 2], -1, 1)) / np.pi * rows
     column = np.arctan2(directions[:, 1], directions[:, 0]) / (2 * np.pi) % 1.0 * columns
@@ -212,7 +213,7 @@ def dome_cell(directions: FloatArray, shape: tuple[int, ...]) -> NDArray[np.int6
 
 
 def dome_colours(dome: NDArray[np.uint8], directions: FloatArray) -> NDArray[np.float32]:
-    """Colours (N, 3) in 0..1 of a dome (rows, columns, 3) in unit directions (N, 3), bilinear."""
+    """Return colours (N, 3) in 0..1 of a dome (rows, columns, 3) in unit directions (N, 3), world frame, bilinear."""
     rows, columns = dome.shape[:2]
     y = np.clip(np.arccos(np.clip(directions[:, 2], -1, 1)) / np.pi * rows - 0.5, 0, rows - 1)
     x = np.arctan2(directions[:, 1], directions[:, 0]) / (2 * np.pi) * columns - 0.5

@@ -18,10 +18,10 @@ from ....json_file import Node
 
 ITERATIONS = 20
 MIN_VALUE, MAX_VALUE = 8.0, 247.0
-"""Values beyond which an image tells nothing."""
+"""Smallest and largest value of an image, of 255, that is used."""
 OUTLIER_SHARE = 0.15
-"""Places whose colours differ by this share, by more than exposure, count half: what shines, what was
-hidden after all."""
+"""Relative difference of a place's colours, beyond that of exposures, at which it counts half: reflections,
+occlusions."""
 PRIOR_PLACES = 10.0
 """Weight of the prior of no exposure difference: as many places that say otherwise move an image half of the way."""
 
@@ -37,14 +37,14 @@ class Observations:
 
 @dataclass(frozen=True)
 class Exposures:
-    """By camera, times (K,), increasing, and gains (K, 3) of what it recorded then; cameras that recorded
-    nothing have none."""
+    """Exposures of images: by camera, times (K,), seconds, increasing, and gains (K, 3); cameras without images have
+    none."""
 
     by_camera: dict[str, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
 
     @staticmethod
     def of(cameras: Sequence[str], times_s: Sequence[float], gains: FloatArray) -> Exposures:
-        """Of images (I,): their cameras, times and gains (I, 3)."""
+        """Return the exposures of I images: their cameras, times, seconds, and gains (I, 3)."""
         by_camera = {}
         for name in dict.fromkeys(cameras):
             own = np.array([i for i, camera in enumerate(cameras) if camera == name])
@@ -53,7 +53,8 @@ class Exposures:
         return Exposures(by_camera)
 
     def at(self, camera: str, time_s: NDArray[Any]) -> FloatArray:
-        """Gains (N, 3) of a camera at times (N,), between the recorded ones; 1 of a camera that has none."""
+        """Return gains (N, 3) of a camera at times (N,), interpolated between the recorded ones; 1 for a camera without
+        any."""
         if camera not in self.by_camera:
             return np.ones((len(time_s), 3))
         times, gains = self.by_camera[camera]
@@ -76,7 +77,7 @@ class Exposures:
 
     @staticmethod
     def from_json(node: Node) -> Exposures:
-        """The exposures that `to_json` put into a document. Raises the node's error."""
+        """Return the exposures of `to_json`. Raises the node's error."""
         by_camera = {}
         for name, camera in node.members():
             times, gains = camera.key("time_s").array(-1), camera.key("gain").array(-1, 3)
@@ -87,11 +88,11 @@ class Exposures:
 
 
 def exposure_gains(observations: Observations, images: int) -> FloatArray:
-    """Gains (images, 3), about 1, by which the images' colours are to be divided so that they agree about places.
+    """Return gains (images, 3), near 1, by which images' colours are divided so that they agree on places.
 
     Least squares of ``log colour = place + image`` by turns, robust to places that look otherwise from elsewhere
-    (Cauchy's weights; Holland and Welsch, "Robust regression using iteratively reweighted least-squares", 1977). What
-    all images have in common is no exposure: each channel's mean gain over what is shown is 1.
+    (Cauchy's weights; Holland and Welsch, "Robust regression using iteratively reweighted least-squares", 1977). Each
+    channel's mean gain over all observations is 1.
     """
     log_gain = np.zeros((images, 3))
     usable = ((observations.colour > MIN_VALUE) & (observations.colour < MAX_VALUE)).all(1)
@@ -113,7 +114,7 @@ def exposure_gains(observations: Observations, images: int) -> FloatArray:
 def _means(
     group: NDArray[np.int64], weight: FloatArray, values: FloatArray, groups: int | None = None, prior: float = 1e-9
 ) -> FloatArray:
-    """Weighted means (G, 3) of values (N, 3) by group (N,), drawn to 0 by ``prior``."""
+    """Return weighted means (G, 3) of values (N, 3) by group (N,), drawn to 0 by ``prior``."""
     count = int(group.max()) + 1 if groups is None else groups
     total = np.bincount(group, weight, count) + prior
     return np.stack([np.bincount(group, weight * values[:, k], count) for k in range(3)], -1) / total[:, None]

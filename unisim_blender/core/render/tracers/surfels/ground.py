@@ -14,25 +14,26 @@ from ....geometry import FloatArray
 from ....ops.constants import GROUND_CELL_M
 
 OPENING_CELLS = 9
-"""Cells: what is high over less than this is no ground."""
+"""Number of cells of the opening: what is high over fewer cells does not belong to the ground."""
 MAX_ROUGHNESS_M = 0.4
 """Largest height of ground above the opened grid, in metres."""
 SMOOTHING_CELLS = 5
 KNOWN_CELLS = 7
-"""The ground is known in squares of so many cells round each in which it was seen."""
+"""Edge, in cells, of the squares around cells with returns in which the ground is known."""
 
 
 @dataclass(frozen=True)
 class HeightGrid:
     """heights (X, Y) of the ground, world frame, at the centres of cells of `GROUND_CELL_M`; the first is at ``low``
-    (2,). Where ``known`` (X, Y), returns tell of it, there or near."""
+    (2,). ``known`` (X, Y) is True where there are returns, there or near."""
 
     low: FloatArray
     heights: NDArray[np.float32]
     known: NDArray[np.bool_]
 
     def at(self, points: FloatArray) -> FloatArray:
-        """Heights (N,) of the ground under points (N, 3): bilinear, and beyond the grid as at its edge."""
+        """Return heights (N,) of the ground under points (N, 3), world frame: bilinear, and beyond the grid as at its
+        edge."""
         shape = np.array(self.heights.shape)
         place = np.clip((points[:, :2] - self.low) / GROUND_CELL_M, 0, shape - 1)
         cell = np.minimum(place.astype(np.int64), np.maximum(shape - 2, 0))
@@ -45,7 +46,7 @@ class HeightGrid:
 
 
 def height_grid(points: FloatArray) -> HeightGrid:
-    """The ground under returns (N, 3) of what stands still.
+    """Return the ground under returns (N, 3), world frame, of static things.
 
     The lowest of each cell, opened over 9 m so that roofs and walls do not count, filled from beside and
     median-smoothed.
@@ -73,8 +74,8 @@ def height_grid(points: FloatArray) -> HeightGrid:
 
 
 def fill(values: FloatArray) -> FloatArray:
-    """A map (H, W) or (H, W, C) whose NaNs have become means of what lies about them, from ever coarser means where
-    that is far; 0 where nothing is known at all."""
+    """Return a map (H, W) or (H, W, C) with NaNs replaced by means of known values around them, from coarser means
+    where these are far; 0 where nothing is known."""
     known = np.isfinite(values)
     if known.all():
         return values
@@ -95,7 +96,7 @@ def fill(values: FloatArray) -> FloatArray:
 
 
 def _windows(values: FloatArray, size: int, reduce: Callable[..., Any]) -> FloatArray:
-    """A statistic over squares of ``size`` cells round each cell."""
+    """Return a statistic over squares of ``size`` cells around each cell."""
     padded = np.pad(values, size // 2, mode="edge")
     if reduce is np.median:
         return np.asarray(np.median(sliding_window_view(padded, (size, size)), (2, 3)))

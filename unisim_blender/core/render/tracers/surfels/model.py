@@ -1,5 +1,5 @@
-"""Surfels: small faces on what LiDAR hit, with the intensity that it measured and the colours that cameras saw, and the
-probability that a beam returns, counted from the recorded ones.
+"""Surfels: small faces at LiDAR returns, with the measured intensity and the colours that cameras saw, and the
+probability that a beam returns, counted from the recorded beams.
 """
 
 from __future__ import annotations
@@ -30,25 +30,27 @@ RANGE_EDGES_M = np.array([5.0, 10, 20, 30, 45, 60, 80, 100, 130, 160])
 COSINE_EDGES = np.array([0.05, 0.1, 0.2, 0.4, 0.7])
 INTENSITY_EDGES = np.array([0.01, 0.02, 0.04, 0.08, 0.16, 0.4])
 PRIOR_BEAMS = 20.0
-"""Beams in a bin count beside so many that returned as all do on average."""
+"""Weight of the prior, in beams: each bin has so many that return as all do on average."""
 
 
 @dataclass(frozen=True, eq=False)
 class DropTable:
-    """returns and beams (ranges, cosines, intensities): of so many recorded beams that hit such a surface,
-    so many returned."""
+    """Numbers of recorded beams that hit a surface and of those that returned: ``beams`` and ``returns`` (ranges,
+    cosines, intensities), by bins of range, cosine of incidence and intensity."""
 
     returns: FloatArray
     beams: FloatArray
 
     @staticmethod
     def empty() -> DropTable:
-        """Of no beam at all: what hits something returns."""
+        """Return the table without beams: every beam that hits something returns."""
         shape = tuple(len(edges) + 1 for edges in (RANGE_EDGES_M, COSINE_EDGES, INTENSITY_EDGES))
         return DropTable(np.zeros(shape), np.zeros(shape))
 
     def counted(self, depth_m: FloatArray, cosine: FloatArray, intensity: FloatArray, returned: BoolArray) -> DropTable:
-        """The table with more beams (N,) in it."""
+        """Return the table with more beams: depths, metres, cosines of incidence, intensities in 0..1, returned; (N,)
+        each."""
+        assert depth_m.shape == cosine.shape == intensity.shape == returned.shape, (depth_m.shape, returned.shape)
         bins, shape = _bins(depth_m, cosine, intensity), self.beams.shape
         size = int(np.prod(shape))
         flat = np.ravel_multi_index(bins, shape)
@@ -56,7 +58,8 @@ class DropTable:
         return DropTable(self.returns + returns, self.beams + np.bincount(flat, minlength=size).reshape(shape))
 
     def probability(self, depth_m: FloatArray, cosine: FloatArray, intensity: FloatArray) -> FloatArray:
-        """How likely beams (N,) return that hit a surface at such a depth, cosine of incidence and intensity."""
+        """Return the probabilities (N,) that beams return which hit a surface at depths, metres, cosines of incidence
+        and intensities in 0..1, (N,) each."""
         average = (self.returns.sum() + 1) / (self.beams.sum() + 1)
         share = (self.returns + PRIOR_BEAMS * average) / (self.beams + PRIOR_BEAMS)
         return np.asarray(share[_bins(depth_m, cosine, intensity)])
@@ -78,7 +81,7 @@ GOLDEN_ANGLE_RAD = np.pi * (3 - np.sqrt(5))
 
 @dataclass(frozen=True)
 class SurfelSettings:
-    """How surfels are made: one in a cube of ``voxel_m``, a triangle with its corners ``face_m`` from its middle; where
+    """Settings of surfels: one in a cube of ``voxel_m``, a triangle with its corners ``face_m`` from its middle; where
     returns lie farther apart it grows with their distance, up to ``face_max_m``. ``mirror`` gives vehicles the faces of
     their other side where nothing was seen of this one."""
 
@@ -96,9 +99,9 @@ PROXY = SurfelSettings(voxel_m=0.04, face_m=0.05, face_max_m=0.30)
 
 @dataclass(frozen=True, eq=False)
 class SurfelSet:
-    """Faces of one thing, in its own axes: vertices (3 F, 3), those of face f from 3 f on; normals (F, 3), unit, on the
-    side that was seen; intensity (F,) in 0..1; colours (F, 3, 3) sRGB of the corners; seen (F,) whether a return is
-    behind the face, and painted (F,) whether an image is behind its colours. ``boxes`` are the hierarchy's,
+    """Faces of one object, in its own axes, metres: vertices (3 F, 3), those of face f from 3 f on; normals (F, 3),
+    unit, on the side that was seen; intensity (F,) in 0..1; colours (F, 3, 3) sRGB of the corners; seen (F,) whether
+    the face is at a return, and painted (F,) whether its colours are from an image. ``boxes`` are the hierarchy's,
     where it is known."""
 
     vertices: NDArray[np.float32]
@@ -114,7 +117,7 @@ class SurfelSet:
 
     @cached_property
     def triangles(self) -> Triangles:
-        """The faces, ready to be hit."""
+        """The faces with their hierarchy of boxes for rays."""
         return Triangles(self.vertices, np.arange(3 * len(self), dtype=np.int32).reshape(-1, 3), self.boxes)
 
     @cached_property
@@ -123,12 +126,13 @@ class SurfelSet:
         return self.vertices.reshape(-1, 3, 3).mean(1, dtype=np.float64)
 
     def of(self, faces: BoolArray) -> SurfelSet:
-        """Those faces (F,) alone."""
+        """Return the faces of a mask (F,)."""
         own = {f.name: getattr(self, f.name)[faces] for f in fields(self) if f.name not in ("vertices", "boxes")}
         return SurfelSet(self.vertices.reshape(-1, 3, 3)[faces].reshape(-1, 3), **own)
 
     def without(self, faces: BoolArray) -> SurfelSet:
-        """The same less those faces (F,), which shrink to points: the hierarchy still holds."""
+        """Return the set without the faces of a mask (F,), which shrink to points, so that the hierarchy stays
+        valid."""
         if not faces.any():
             return self
         vertices = self.vertices.reshape(-1, 3, 3).copy()
@@ -156,7 +160,7 @@ class SurfelScene:
 
     @cached_property
     def upright(self) -> BoolArray:
-        """Which faces of what stands still (F,) are above the ground."""
+        """Whether each static face (F,) is above the ground."""
         centres = self.static.centres
         return np.asarray(centres[:, 2] - self.ground.at(centres) > GROUND_CLEARANCE_M)
 
@@ -168,9 +172,11 @@ def make_faces(
     intensity: FloatArray,
     seen: BoolArray | None = None,
 ) -> SurfelSet:
-    """Triangles about points (N, 3) across their normals (N, 3), corners ``radius_m`` (N,) from the middle;
-    grey, not painted."""
+    """Return triangles around points (N, 3), metres, across their unit normals (N, 3), with corners ``radius_m`` (N,)
+    from the middle and ``intensity`` (N,); grey, not painted."""
+    shapes = points.shape, normals.shape, radius_m.shape, intensity.shape
     n = len(points)
+    assert shapes == ((n, 3), (n, 3), (n,), (n,)), shapes
     up = np.where(np.abs(normals[:, 2:]) < 0.9, np.array([0.0, 0, 1]), np.array([1.0, 0, 0]))
     across = np.cross(up, normals)
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
@@ -190,15 +196,14 @@ def make_faces(
 
 
 def joined(sets: Sequence[SurfelSet]) -> SurfelSet:
-    """Several sets as one."""
+    """Return several sets as one."""
     names = [f.name for f in fields(SurfelSet) if f.name != "boxes"]
     parts: dict[str, Any] = {name: np.concatenate([getattr(surfels, name) for surfels in sets]) for name in names}
     return SurfelSet(**parts)
 
 
 def save_surfels(scene: SurfelScene, folder: Path) -> None:
-    """Write a scene's arrays and what belongs to them into a folder, one file each, so that processes can
-    share them mapped."""
+    """Write a scene's arrays and settings into a folder, one file each, so that processes can share them mapped."""
     folder.mkdir(parents=True, exist_ok=True)
     everyone = joined([scene.static.of(np.zeros(len(scene.static), bool)), *scene.actors.values()])
     for name, faces in (("static", scene.static), ("actors", everyone)):
@@ -231,7 +236,7 @@ def save_surfels(scene: SurfelScene, folder: Path) -> None:
 
 def load_surfels(folder: Path) -> SurfelScene:
     """Return the scene that `save_surfels` wrote, memory-mapped from disk. Raises `SceneError` where it is not whole:
-    kernels read wherever it points."""
+    kernels follow its indices unchecked."""
     file = folder / META_NAME
     about = Node(read_json(file, SceneError), f"{file}: ", SceneError)
     if about.key("version").integer() != FORMAT_VERSION:
@@ -285,7 +290,7 @@ def load_surfels(folder: Path) -> SurfelScene:
 
 
 def _mapped(path: Path, dtype: Any, shape: tuple[int, ...]) -> NDArray[Any]:
-    """The array of a file, mapped where it is large; -1 stands for any edge. Raises `SceneError`."""
+    """Return the array of a file, mapped where it is large; -1 stands for any edge. Raises `SceneError`."""
     try:
         array = np.load(path, mmap_mode="r" if path.stat().st_size > 1 << 20 else None, allow_pickle=False)
     except BROKEN_ARRAYS as fault:

@@ -1,4 +1,4 @@
-"""Where rays hit surfels: what stands still, and every set that is placed at a pose of its ray's own time."""
+"""Hits of rays on surfels: static ones, and sets that are placed at their poses at each ray's own time."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ BUNDLE_RAYS = 1 << 13
 
 @dataclass(frozen=True)
 class SurfelHits:
-    """Of rays (N,): t metres, inf where nothing is hit; owner, a number of the placed sets, `STATIC_OWNER` or `NO_OWNER`; face
-    of the owner's; uv (N, 2), where on it, towards its second and third corner."""
+    """Hits of rays, (N,) each: t, metres, inf where nothing is hit; owner, a number of the placed sets, `STATIC_OWNER`
+    or `NO_OWNER`; face, an index of the owner's; uv (N, 2), the weights of the face's second and third corner."""
 
     t: FloatArray
     owner: NDArray[np.int64]
@@ -35,14 +35,14 @@ class SurfelHits:
 
 
 class PlacedSurfels:
-    """A static set, and sets that go along with actors, present in their windows."""
+    """A static set, and sets that move with actors, present in their windows."""
 
     def __init__(self, static: SurfelSet, placed: Sequence[tuple[Actor, SurfelSet]] = ()) -> None:
         self.static, self.placed = static, tuple(placed)
         self._bounds = Bounds([actor for actor, _ in self.placed])
 
     def owned(self, owner: int) -> SurfelSet:
-        """The set of an owner."""
+        """Return the set of an owner."""
         return self.static if owner == STATIC_OWNER else self.placed[owner][1]
 
     def first(self, rays: Rays, near_m: float) -> SurfelHits:
@@ -72,7 +72,7 @@ class PlacedSurfels:
         return SurfelHits(t, owner, face, uv)
 
     def gathered(self, hits: SurfelHits, name: str, width: tuple[int, ...], kind: type) -> NDArray[Any]:
-        """An attribute (N, *width) of the faces that were hit; 0 where none was."""
+        """Return an attribute (N, *width) of the faces that were hit; 0 where none was."""
         out: NDArray[Any] = np.zeros((len(hits.t), *width), kind)
         for owner in np.unique(hits.owner):
             if owner != NO_OWNER:
@@ -81,13 +81,13 @@ class PlacedSurfels:
         return out
 
     def colours(self, hits: SurfelHits) -> NDArray[np.float32]:
-        """Colours (N, 3) in 0..1 between the corners' where rays hit."""
+        """Return colours (N, 3) in 0..1, interpolated between the corners' where rays hit."""
         corners = self.gathered(hits, "colours", (3, 3), np.float32)
         u, v = hits.uv[:, :1], hits.uv[:, 1:]
         return np.asarray((corners[:, 0] * (1 - u - v) + corners[:, 1] * u + corners[:, 2] * v) / 255, np.float32)
 
     def normals(self, hits: SurfelHits, rays: Rays) -> FloatArray:
-        """Unit normals (N, 3), world frame, on the rays' side; 0 where nothing was hit."""
+        """Return unit normals (N, 3), world frame, on the rays' side; 0 where nothing was hit."""
         normals = self.gathered(hits, "normals", (3,), np.float64)
         for owner in np.unique(hits.owner):
             if owner >= 0:
@@ -98,14 +98,14 @@ class PlacedSurfels:
 
 
 def turned(actor: Actor, time_s: FloatArray, normals: FloatArray) -> FloatArray:
-    """Unit normals (N, 3) in an actor's own axes, in the world at times (N,)."""
+    """Return unit normals (N, 3), world frame at times (N,), of normals (N, 3) in an actor's own axes."""
     times, which = np.unique(time_s, return_inverse=True)
     return normals_of(actor, actor.world_from_actor.at(times)[which.reshape(-1)], normals)
 
 
 def carried(actor: Actor, time_s: FloatArray, points: FloatArray, back: bool = False) -> FloatArray:
-    """Points (N, 3) of an actor, in its own axes and unscaled metres, in the world at times (N,); ``back``: the
-    other way round."""
+    """Return points (N, 3), world frame at times (N,), of points (N, 3) in an actor's own axes and unscaled metres;
+    ``back``: the inverse."""
     times, which = np.unique(time_s, return_inverse=True)
     pose = actor.world_from_actor.at(times)[which.reshape(-1)]
     if back:

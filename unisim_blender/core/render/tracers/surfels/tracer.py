@@ -25,7 +25,7 @@ from .placed import NO_OWNER, PlacedSurfels, SurfelHits
 CHUNK_RAYS = 1 << 18
 """Number of rays traced at a time: between two chunks Python can be interrupted."""
 TIME_ROUNDING_S = 1e-3
-"""Times of colours are in float32."""
+"""Margin, seconds, of times of colours, which are float32."""
 AT_ORIGIN = Trajectory(np.zeros(1), np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]))
 
 
@@ -60,8 +60,8 @@ class SurfelBackend:
         return self._overhang_m[name, scale]
 
     def static_world(self, state: WorldState) -> tuple[SurfelSet, list[SurfelSet]]:
-        """Return what stands still, without what removed boxes hold, and what each of the static copies is. Those of
-        the last state are kept: sorting faces takes seconds."""
+        """Return the static surfels, without those in removed boxes, and those of each static copy. The result for the
+        last state is cached: sorting faces takes seconds."""
         key = replace(state, start_s=0.0, end_s=0.0, world_from_ego=AT_ORIGIN, actors=()).digest
         if self._world is None or self._world[0] != key:
             static, centres = self.scene.static, self.scene.static.centres
@@ -75,7 +75,7 @@ class SurfelBackend:
         return self._world[1], self._world[2]
 
     def _copied(self, upright: BoolArray, centres: FloatArray, box: Box) -> SurfelSet:
-        """Return what stands still above the ground in a box, in the box's axes."""
+        """Return the static surfels above the ground in a box, in the box's axes."""
         part = self.scene.static.of(upright & points_in_box(centres, box.world_from_box, box.size_m))
         inward = invert_pose(box.world_from_box)
         vertices = transform_points(inward, part.vertices.astype(np.float64)).astype(np.float32)
@@ -106,7 +106,7 @@ class SurfelTracer:
     def trace(
         self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats
     ) -> TraceResult[Array]:
-        """See `tracer.Tracer`. A camera's feature is its colour, whatever the exposure, and the time, on which that
+        """See `tracer.Tracer`. A camera's feature is the colour without exposure, and the time, on which the exposure
         depends; a LiDAR's is intensity and the probability of a return."""
         flat = rays.flat().sound()
         n = len(flat.time_s)
@@ -170,8 +170,8 @@ class SurfelTracer:
         return feature, hits.t.astype(np.float32), maps
 
     def colours(self, rays: Rays, hits: SurfelHits, pixel_rad: float) -> tuple[Array, BoolArray]:
-        """Colours (N, 3) in 0..1 of flat rays, ``pixel_rad`` apart, and what they hit; where (N,) nothing recorded is
-        behind them."""
+        """Return colours (N, 3) in 0..1 of flat rays ``pixel_rad`` apart, radians, with ``hits``, and where (N,) they
+        are from nothing recorded."""
         hit = hits.owner != NO_OWNER
         colours = self.surfels.colours(hits)
         dome = self.scene.dome
@@ -189,7 +189,7 @@ class SurfelTracer:
         return np.stack([intensity, np.where(hit, returned, 0.0)], -1).astype(np.float32)
 
     def _with_meshes(self, maps: Maps, depth: Array, mesh_hits: MeshHits) -> NDArray[np.float32]:
-        """How much of each ray (N,) meshes stop: what they cover of those that hit nothing before. The passes show
+        """Return the opacity (N,) of meshes: the share that they cover of rays that hit nothing before. The passes show
         them where that is the larger part."""
         stopped = np.zeros(len(depth), np.float32)
         front = mesh_hits.t < depth[mesh_hits.ray]
@@ -213,7 +213,8 @@ def _inside(points: FloatArray, box: Box) -> BoolArray:
 
 
 def _pixel_rad(rays: Rays) -> float:
-    """The largest angle between neighbours in a row of rays (h, w); 0 of others: as fine as there is."""
+    """Return the largest angle, radians, between neighbours in a row of rays (h, w); 0, the finest, for other
+    shapes."""
     if rays.time_s.ndim < 2 or rays.time_s.shape[1] < 2:
         return 0.0
     return float(np.linalg.norm(np.diff(rays.directions, axis=1), axis=-1).max())

@@ -1,4 +1,4 @@
-"""Recorded images as sources of colour: where a place was in them, and whether the camera saw it there."""
+"""Recorded images as sources of colour: projection of places into them, and whether the camera saw the places."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from ...tracer import NEAR_M
 from .placed import PlacedSurfels
 
 OCCLUSION_SHARE, OCCLUSION_M = 0.02, 0.2
-"""A place farther than the first surface by more than this is hidden."""
+"""Distance behind the first surface, relative and in metres, beyond which a place is hidden."""
 BOX_MARGIN_M, MAX_BOX_DISTANCE_M, SHUTTER_POSES = 0.3, 120.0, 6
 OUTLINE_IMAGES, OUTLINE_WIDTH_PX = 24, 480
 """Number of images, and their width in pixels, from which the outline of the recording vehicle itself is derived."""
 DEPTH_EDGE_FACTOR = 1.35
-"""Beside something nearer by this factor images show either: nothing is taken from there."""
+"""Factor between neighbouring depths at which an image's pixels may show either, and are not used."""
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedView:
-    """One recorded image at some width, and what its camera has in front of it.
+    """One recorded image at some width, and the depths of what its camera sees.
 
     image (H, W, 3) uint8; depth_m (h, w) to the first surfel in a coarser grid of its own, inf for none; clear (h, w),
     the least of the depths about each; boxes_m (h, w) to the first actor's box; own (h, w), where it shows the
@@ -47,12 +47,13 @@ class RecordedView:
     boxes_m: NDArray[np.float32]
     own: BoolArray
     gain: FloatArray = field(default_factory=lambda: np.ones(3))
-    """How its exposure (3,) differs from the others', where that is known."""
+    """Exposure (3,) relative to the other images', where it is known."""
 
     def place(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Where in the image places are: u, v (N,) pixels, z (N,) metres along the axis, distance (N,) metres. ``first`` and
-        ``last`` (N, 3) are where they are in the camera's frame as its first and its last line is exposed. Through a lens that
-        bends lines, z is the distance, or 0 where the lens does not show the place; u and v are NaN there."""
+        """Return the image points of places: u, v (N,), pixels, z (N,), metres along the axis, distance (N,), metres.
+        ``first`` and ``last`` (N, 3) are where they are in the camera's frame as its first and its last line is
+        exposed. Through a lens that bends lines, z is the distance, or 0 where the lens does not show the place; u and
+        v are NaN there."""
         model, f = self.camera.model, np.full(len(first), 0.5)
         if not model.is_pinhole or model.shutter.axis == "columns":
             return self._place_by_lens(first, last)
@@ -78,20 +79,20 @@ class RecordedView:
         return u, v, np.where(valid, distance, 0.0), distance
 
     def ends(self) -> tuple[float, float]:
-        """When the first and the last line are exposed."""
+        """Times, seconds, at which the first and the last line are exposed."""
         model = self.camera.model
         times = line_times(self.camera, self.camera.time_s[self.frame], np.array([0.0, line_count(model)]))
         return float(times[0]), float(times[1])
 
     def of_static(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """`place` of points (N, 3) that stand in the world."""
+        """Return `place` of static points (N, 3), world frame."""
         first, last = (
             transform_points(invert_pose(self.camera.world_from_camera.at(time)), points) for time in self.ends()
         )
         return self.place(first, last)
 
     def of_actor(self, trajectory: object, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """`place` of points (N, 3) in the box of an actor with a trajectory."""
+        """Return `place` of points (N, 3) in the box of an actor with a trajectory."""
         first, last = (
             transform_points(invert_pose(self.camera.world_from_camera.at(time)) @ trajectory.at(time), points)  # type: ignore[attr-defined]
             for time in self.ends()
@@ -104,7 +105,8 @@ class RecordedView:
         return np.isinf(self.depth_m) & np.isinf(self.boxes_m) & ~self.own
 
     def far_points(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Image points u, v (M,) of the coarser grid that show what lies beyond, and their rays' directions (M, 3)."""
+        """Return the image points u, v (M,) of the coarser grid that are `beyond`, and their rays' directions (M, 3),
+        world frame."""
         h, w = self.depth_m.shape
         rows, columns = np.nonzero(self.beyond)
         model = self.camera.model
@@ -112,12 +114,13 @@ class RecordedView:
         return u, v, camera_rays(self.camera, self.camera.time_s[self.frame], u, v).directions
 
     def inside(self, u: FloatArray, v: FloatArray, z: FloatArray, margin: float = 1.0) -> BoolArray:
-        """Which places (N,) the image holds."""
+        """Return which image points u, v (N,) at depths z (N,) lie in the image, ``margin`` pixels from its edge: (N,)
+        bool."""
         model = self.camera.model
         return (z > NEAR_M) & (u > margin) & (u < model.width - margin) & (v > margin) & (v < model.height - margin)
 
     def cells(self, u: FloatArray, v: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Rows and columns (N,) of the coarser grid, of image points (N,)."""
+        """Return rows and columns (N,) of the coarser grid of image points u, v (N,)."""
         h, w = self.depth_m.shape
         model = self.camera.model
         return (
@@ -126,8 +129,8 @@ class RecordedView:
         )
 
     def sees(self, u: FloatArray, v: FloatArray, distance: FloatArray, static: bool) -> BoolArray:
-        """Which places (N,) at image points, that far from the camera, nothing hides. What is ``static`` is not seen
-        through actors' boxes either: an actor's own surfels have gaps."""
+        """Return which places at image points u, v (N,), at ``distance`` (N,), metres, from the camera, are not hidden:
+        (N,) bool. ``static`` places are hidden by actors' boxes, too: an actor's own surfels have gaps."""
         cell = self.cells(u, v)
         if static:
             distance = np.where(distance > self.boxes_m[cell], np.inf, distance)
@@ -138,12 +141,13 @@ class RecordedView:
         return np.asarray(near & ~self.own[cell])
 
     def sample(self, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
-        """Colours (N, 3) at image points (N,), bilinear, beyond the edge as at it; in 0..255 but for the exposure."""
+        """Return colours (N, 3) at image points u, v (N,), bilinear, beyond the edge as at it; in 0..255 divided by the
+        exposure."""
         return np.asarray(bilinear(self.image, u, v) / self.gain, np.float32)
 
 
 def bilinear(image: NDArray[np.uint8], u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
-    """Values (N, C) of an image (H, W, C) at points u, v (N,) in pixels from its corner."""
+    """Return values (N, C) of an image (H, W, C) at points u, v (N,), pixels from its corner, bilinear."""
     height, width = image.shape[:2]
     x, y = np.clip(u - 0.5, 0, width - 1), np.clip(v - 0.5, 0, height - 1)
     column, row = np.minimum(x.astype(np.int64), max(width - 2, 0)), np.minimum(y.astype(np.int64), max(height - 2, 0))
@@ -155,13 +159,13 @@ def bilinear(image: NDArray[np.uint8], u: FloatArray, v: FloatArray) -> NDArray[
 
 
 def resized(camera: Camera, width: int) -> Camera:
-    """The camera with images at most that wide."""
+    """Return the camera with images at most ``width`` pixels wide."""
     return replace(camera, model=camera.model.resized(min(width, camera.model.width)))
 
 
 def outline_in(log: Log, camera_id: str, frames: Collection[int]) -> dict[str, tuple[Outline, int]]:
-    """The recording vehicle's outline in a camera's images of some frames, and the height of the images that it was
-    found in, by the camera; nothing of one that does not see it, or of whose images too few tell. Raises `LogError`."""
+    """Return, by the camera, the recording vehicle's outline in its images of some frames, and these images' height;
+    nothing for a camera that does not see the vehicle or has too few images. Raises `LogError`."""
     there = moved_frames(log.drive, [frame for frame in log.image_frames(camera_id) if frame in frames])
     chosen = [there[i] for i in np.unique(np.linspace(0, len(there) - 1, min(len(there), OUTLINE_IMAGES)).astype(int))]
     model = resized(log.drive.cameras[camera_id], OUTLINE_WIDTH_PX).model
@@ -181,8 +185,8 @@ def open_view(
     boxed: Iterable[Actor],
     outlines: Mapping[str, tuple[Outline, int]],
 ) -> RecordedView:
-    """A recorded image at most ``width`` pixels wide, with depths of the placed surfels, and of the boxes of ``boxed``
-    actors, on a grid ``depth_width`` wide; ``outlines`` are the recording vehicle's. Raises `LogError`."""
+    """Return a recorded image at most ``width`` pixels wide, with depths of the placed surfels, and of the boxes of
+    ``boxed`` actors, on a grid ``depth_width`` wide; ``outlines`` are the recording vehicle's. Raises `LogError`."""
     camera = resized(log.drive.cameras[camera_id], width)
     coarse = resized(camera, depth_width)
     u, v = pixel_grid(coarse.model)
@@ -204,7 +208,8 @@ def open_view(
 def _boxes(
     actors: Iterable[Actor], camera: Camera, frame: int, rays: Rays, shape: tuple[int, ...]
 ) -> NDArray[np.float32]:
-    """How far away (h, w) rays (h w,) of a camera's image enter the first actor's box; inf where they enter none."""
+    """Return the distances (h, w), metres, at which rays (h w,) of a camera's image enter the first actor's box; inf
+    where they enter none."""
     time, model = camera.time_s[frame], camera.model
     depth = np.full(shape, np.inf, np.float32)
     numbers = np.arange(depth.size).reshape(shape)
@@ -231,7 +236,7 @@ def _boxes(
 
 
 def _meet(depth: NDArray[np.float32], part: NDArray[np.int64], rays: Rays, pose: FloatArray, size: FloatArray) -> None:
-    """Note in ``depth`` how far away the rays of some cells enter a box."""
+    """Set ``depth`` to the distances at which the rays of some cells enter a box, where that is nearer."""
     if part.size == 0:
         return
     flat = part.reshape(-1)

@@ -27,7 +27,7 @@ class ActorSetTensors:
     rows: Tensor
     uids: tuple[str, ...]
     keys: tuple[Tensor, Tensor] | None = None
-    """The tracklets' keys, where they were worked out before; else every trace does that."""
+    """The tracklets' keys, where they were computed before; else every trace computes them."""
 
 
 @dataclass
@@ -53,8 +53,8 @@ class ActiveActorTensors:
 def active_actor_tensors(
     active: ActiveActors, scenes: Mapping[str, tuple[SceneModel, Tensor]], device: torch.device | str = "cpu"
 ) -> ActiveActorTensors:
-    """The active actors on a device; ``scenes`` are models and their baked actor grids by path, the scene's own under
-    ""."""
+    """Return the active actors on a device; ``scenes`` are models and their baked actor grids by path, the scene's own
+    under ""."""
     corner = scenes[""][0].volume.corner
 
     def tracklets(actors: Sequence[Actor]) -> Tracklets:

@@ -1,4 +1,4 @@
-"""The passes of traced rays: depth, normal, instance, opacity, and what nothing recorded supports.
+"""The passes of traced rays: depth, normal, instance, opacity and unsupported.
 
 A ray's depth is the median: the distance at which half of what stops it has done so. The mean of what a ray hits moves
 by a metre when a thousandth of it lies a kilometre behind, and between a car's edge and the wall behind it lies on
@@ -25,8 +25,8 @@ from .actor_tensors import ActiveActorTensors
 
 @torch.no_grad()
 def median_depth(traced: SegmentTrace) -> Tensor:
-    """Median distance (N,) in metres of what stopped each ray, the background model included, the sky left out; 0
-    where nothing did."""
+    """Return the median distance (N,), metres, of what stopped each ray, with the background model and without the sky;
+    0 where nothing did."""
     target = (1 + traced.transmittance_after) / 2
     depth = torch.zeros_like(traced.opacity)
     for segments, weights in traced.weighted():
@@ -52,8 +52,8 @@ def _crossed(before: Tensor, tau: Tensor, wanted: Tensor) -> tuple[Tensor, Tenso
 
 
 def _fraction(segments: RaySegments, before: Tensor, row: Tensor, k: Tensor, wanted: Tensor) -> Tensor:
-    """How far into interval k of each row the transmittance falls to ``wanted``, 0 to 1. Between samples signed
-    distances of the logistic density are linear; others stop rays at the far sample, as meshes do."""
+    """Return the fraction of interval k of each row, 0 to 1, at which the transmittance falls to ``wanted``. Between
+    samples signed distances of the logistic density are linear; others stop rays at the far sample, as meshes do."""
     if not isinstance(segments, FieldSegments) or segments.density != "logistic":
         return torch.ones_like(wanted)
     assert isinstance(segments.values, SignedDistances)
@@ -68,7 +68,7 @@ def _fraction(segments: RaySegments, before: Tensor, row: Tensor, k: Tensor, wan
 def ray_passes(
     scene: TorchScene, active: ActiveActorTensors, part: RayBatch, traced: SegmentTrace, passes: set[str]
 ) -> Maps:
-    """One array (N, ...) for each pass asked for, of rays that were traced."""
+    """Return one array (N, ...) for each of ``passes``, of traced rays."""
     maps: Maps = {}
     solid = traced.opacity > 0.5
     if passes & {"depth", "unsupported"}:
@@ -89,7 +89,7 @@ def ray_passes(
 
 
 def _instances(traced: SegmentTrace, rays: int) -> Tensor:
-    """1 + the number of the actor with the largest weight on each ray (N,), 0 where the rest outweighs it."""
+    """Return 1 + the number of the actor with the largest weight on each ray (N,), 0 where the rest outweighs it."""
     best = traced.feature.new_zeros(rays)
     rest = traced.transmittance_after.clone()
     actors: list[tuple[ActorSegments | MeshSegments, Tensor]] = []
@@ -111,8 +111,8 @@ def _instances(traced: SegmentTrace, rays: int) -> Tensor:
 def _normals(
     scene: TorchScene, active: ActiveActorTensors, traced: SegmentTrace, part: RayBatch, solid: Tensor
 ) -> Tensor:
-    """Unit normals (N, 3), world frame, 0 where nothing solid is: each segment's gradient towards free space at its
-    heaviest sample, by central differences on a tetrahedron, weighted with what the ray segment gives to the ray."""
+    """Return unit normals (N, 3), world frame, 0 where nothing solid is: each segment's gradient towards free space at
+    its heaviest sample, by central differences on a tetrahedron, weighted by the segment's weight on the ray."""
     out = torch.zeros_like(part.directions)
     for segments, weights in traced.weighted():
         weight, heaviest = weights.samples.sum(1), weights.samples.argmax(1)
@@ -126,7 +126,7 @@ def _normals(
 
 
 def _outward(scene: TorchScene, active: ActiveActorTensors, segments: FieldSegments, sample: Tensor) -> Tensor:
-    """Gradients (P, 3) towards free space, directions of the world, at one sample (P,) of each ray segment."""
+    """Return gradients (P, 3) towards free space, world frame, at one sample (P,) of each ray segment."""
     x = segments.points[torch.arange(len(sample), device=sample.device), sample]
     if isinstance(segments, ActorSegments):
         gradient = outward_gradient(_actor_outward(active, segments), x, NORMAL_STEP_M, segments.size_m)
@@ -148,7 +148,8 @@ def _actor_outward(active: ActiveActorTensors, segments: ActorSegments) -> Calla
 
 
 def _supported(scene: TorchScene, part: RayBatch, depth_m: Tensor, instance: Tensor) -> Tensor:
-    """Which rays (N,) end where the recording saw something: an observed voxel, an actor, or beyond the volume."""
+    """Return which rays (N,) end where the recording saw something: an observed voxel, an actor, or beyond the
+    volume."""
     model = scene.model
     x = model.frame.points(part.origins + part.directions * torch.nan_to_num(depth_m, posinf=1e6)[:, None])
     outside = ((x < 0) | (x > model.frame.size_m)).any(-1)

@@ -23,17 +23,17 @@ from ...tracer import NEAR_M
 from .actor_tensors import ActiveActorTensors, ActorSetTensors
 
 _LOOKUPS_PER_INTERVAL = 3
-"""Places between two samples at which the voxels are looked up: how much of the way is free."""
+"""Number of places between two samples at which the voxels are looked up for the free part of the way."""
 
 Lengths = Callable[[], Tensor]
-"""Works out the metres (N, K) that intervals count by, which only densities need."""
+"""Function that returns the lengths (N, K), metres, of intervals, which only densities need."""
 
 
 def intervals(
     scene: SceneModel, values: FieldValues, t: Tensor, lengths: Lengths, step_m: float
 ) -> tuple[Tensor, Tensor]:
-    """Optical depths and stop fractions (N, K) of intervals between samples at t (N, K) with these values (N, K), t
-    in the metres of the field; ``step_m`` is the one of UniSim's density."""
+    """Return optical depths and stop fractions (N, K) of intervals between samples at t (N, K), in the metres of the
+    field, with values (N, K); ``step_m`` is the one of UniSim's density."""
     if isinstance(values, LogDensities):
         with torch.no_grad():
             length_m = lengths()
@@ -45,8 +45,8 @@ def intervals(
 
 @torch.no_grad()
 def refined(scene: SceneModel, values: FieldValues, u: Tensor, t: Tensor, lengths: Lengths, jitter: Tensor) -> Tensor:
-    """Quantiles like ``jitter`` (N, K'), where values (N, K) at places t (N, K), quantiles u (N, K), say that rays
-    stop."""
+    """Return quantiles like ``jitter`` (N, K') where rays stop by values (N, K) at places t (N, K), quantiles u (N,
+    K)."""
     if isinstance(values, LogDensities):
         return refine_by_density(u, volume_density(values.logs) * lengths(), jitter)
     return refine_quantiles(u, t, values.metres, float(scene.beta()), jitter.shape[1], jitter)
@@ -54,8 +54,8 @@ def refined(scene: SceneModel, values: FieldValues, u: Tensor, t: Tensor, length
 
 @torch.no_grad()
 def occupied_lengths(scene: SceneModel, o: Tensor, d: Tensor, t: Tensor) -> Tensor:
-    """Metres (N, K) of occupied voxels between each sample t (N, K) of rays o, d (N, 3) and the one before: a density
-    has none where a voxel is free, and samples lie on both sides of much free space."""
+    """Return the lengths (N, K), metres, in occupied voxels between each sample t (N, K) of rays o, d (N, 3) and the
+    one before: a density is 0 where a voxel is free, and samples lie on both sides of much free space."""
     least = scene.config.voxel_m / 2
     gap = torch.diff(t, dim=1, prepend=t[:, :1] - least)
     part = (torch.arange(_LOOKUPS_PER_INTERVAL, device=t.device) + 0.5) / _LOOKUPS_PER_INTERVAL
@@ -66,16 +66,16 @@ def occupied_lengths(scene: SceneModel, o: Tensor, d: Tensor, t: Tensor) -> Tens
 
 
 def along(o: Tensor, d: Tensor, t: Tensor) -> Tensor:
-    """Points (N, K, 3) at distances t (N, K) along rays o, d (N, 3)."""
+    """Return points (N, K, 3) at distances t (N, K) along rays o, d (N, 3)."""
     # a sum after a product of shapes that spread would take four times as long
     return torch.addcmul(o[:, None], t[..., None], d[:, None])
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """``jitter`` draws samples at random in their strata; ``fine`` multiplies their number in the volume,
-    ``background_fine`` beyond it; ``background`` queries the background model, ``sky`` what lies behind that and the
-    light it gives: a camera sees them, a LiDAR does not."""
+    """Settings of sampling. ``jitter`` draws samples at random in their strata; ``fine`` multiplies their number in the
+    volume, ``background_fine`` beyond it; ``background`` queries the background model, ``sky`` the sky behind that: a
+    camera sees them, a LiDAR does not."""
 
     jitter: bool = False
     fine: float = 1.0
@@ -83,15 +83,15 @@ class Sampling:
     background: bool = True
     sky: bool = True
     mirror: Tensor | None = None
-    """(appearances,) chance that an appearance is mirrored, in training: on all the rays that are traced together."""
+    """Probability (appearances,) that an appearance is mirrored, in training: on all rays that are traced together."""
     generator: torch.Generator | None = None
 
     def count(self, samples: int) -> int:
-        """How many samples there are in the volume for so many of the configuration."""
+        """Return the number of samples in the volume for ``samples`` of the configuration."""
         return max(2, round(samples * self.fine))
 
     def background_count(self, samples: int) -> int:
-        """How many samples there are beyond the volume for so many of the configuration."""
+        """Return the number of samples beyond the volume for ``samples`` of the configuration."""
         return max(2, round(samples * self.background_fine))
 
 
@@ -105,10 +105,11 @@ class StaticMask:
         self.scene, self.active, self.rays, self.actors = scene, active, rays, actors
 
     def apply(self, values: FieldValues, ray: Tensor, t: Tensor, points: Tensor) -> FieldValues:
-        """Values (P, K) at samples t (P, K), points (P, K, 3), of rays (P,), as a ray may hit them.
+        """Return values (P, K) at samples t (P, K), points (P, K, 3), of rays (P,), with masked ones set to empty
+        space.
 
-        Inside a present actor's box, and in a removed box, nothing stands above the ground: the ground is then all
-        that is near. A density is nothing there.
+        Inside a present actor's box, and in a removed box, only the ground remains: distances are those to the ground,
+        and densities above it are 0.
         """
         rows, columns = torch.nonzero(self._inside(ray, t), as_tuple=True)
         if len(rows) == 0:
@@ -118,8 +119,8 @@ class StaticMask:
 
     @torch.no_grad()
     def _inside(self, ray: Tensor, t: Tensor) -> Tensor:
-        """Which samples t (P, K) of rays (P,) lie in the box of an actor that the ray hits, or in a removed one: (P,
-        K)."""
+        """Return which samples t (P, K) of rays (P,) lie in the box of an actor that the ray hits, or in a removed one:
+        (P, K) bool."""
         covers = torch.zeros_like(t)
         row_of_ray = torch.full((len(self.rays),), -1, dtype=torch.long, device=t.device)
         row_of_ray[ray] = torch.arange(len(ray), device=t.device)
@@ -138,11 +139,11 @@ class StaticMask:
 
 
 ACTOR_STEPS_PER_STATIC_STEP = 4
-"""UniSim's density takes so many steps in an actor's box where it takes one in the static field."""
+"""Number of steps of UniSim's density in an actor's box for one in the static field."""
 
 
 def static_segments(scene: SceneModel, mask: StaticMask, rays: RayBatch, sampling: Sampling) -> StaticSegments:
-    """Ray segments through the static field; rays that hit no occupied voxel have none."""
+    """Return the ray segments through the static field; rays that hit no occupied voxel have none."""
     o, d = scene.frame.points(rays.origins), scene.frame.vectors(rays.directions)
     t_near, t_far = scene.frame.span(o, d, NEAR_M)
     if rays.starts is not None:
@@ -176,8 +177,8 @@ def static_segments(scene: SceneModel, mask: StaticMask, rays: RayBatch, samplin
 def actor_segments(
     actor_set: ActorSetTensors, rays: RayBatch, sampling: Sampling, number: int, first: int, among: Tensor | None
 ) -> ActorSegments | None:
-    """Ray segments through the boxes of the actor set of this ``number``, whose first actor is number ``first`` of
-    all; None where no ray hits one. ``among`` names the actors to try."""
+    """Return the ray segments through the boxes of the actor set of this ``number``, whose first actor is number
+    ``first`` of all; None where no ray hits one. ``among`` are the numbers of the actors to test."""
     if not actor_set.uids or (among is not None and len(among) == 0):
         return None
     hits = actor_set.tracklets.hits(rays.origins, rays.directions, rays.time_s, NEAR_M, among, actor_set.keys)
@@ -239,14 +240,14 @@ def actor_segments(
 
 @torch.no_grad()
 def _median(tau: Tensor) -> Tensor:
-    """The sample (P, 1) at which a ray segment with optical depths tau (P, K) alone has stopped half of what it stops
-    of its ray."""
+    """Return the index (P, 1) of the sample at which a ray segment with optical depths tau (P, K) reaches half of its
+    opacity."""
     stopped = -torch.expm1(-tau.cumsum(1))
     return (stopped[:, :-1] < stopped[:, -1:] / 2).sum(1, keepdim=True)
 
 
 def _mirrored(directions: Tensor, across: Tensor, flip: Tensor) -> Tensor:
-    """Directions (P, 3) as a box sees them whose axis ``across`` (P, 3) is flipped where ``flip`` (P,) is -1."""
+    """Return directions (P, 3), mirrored across the axis ``across`` (P, 3) where ``flip`` (P,) is -1."""
     return directions + ((flip - 1) * (directions * across).sum(-1))[:, None] * across
 
 
@@ -283,8 +284,8 @@ def copied_segments(
 
 
 def mesh_segments(mesh_hits: MeshHits, like: Tensor, first: int) -> MeshSegments:
-    """Meshes as ray segments of one sample: opaque there as far as they cover the ray. ``first`` is the first mesh's
-    number."""
+    """Return meshes as ray segments of one sample, whose opacity is the share of the ray that they cover. ``first`` is
+    the first mesh's number."""
 
     def tensor(values: NDArray[Any]) -> Tensor:
         return torch.as_tensor(values).to(like.device, like.dtype)

@@ -1,8 +1,7 @@
-"""Rays through the scene: samples placed, fields queried, everything along one ray put in depth order, weights,
-features.
+"""Tracing of rays through the scene: placing samples, querying fields, compositing in depth order.
 
-The one path that training and rendering share. What lies behind the volume, along rays that come through it, is the
-background model and the sky.
+Training and rendering share this path. Behind the volume, along rays that come through it, are the background model and
+the sky.
 """
 
 from __future__ import annotations
@@ -52,15 +51,15 @@ class Background:
 
     @property
     def samples(self) -> int:
-        """How many queries it took, the sky's too."""
+        """Number of queries, with those of the sky."""
         return self.t.numel() + len(self.ray)
 
     def feature_behind(self, feature: Tensor, reach: Tensor) -> Tensor:
-        """Features (N, F), with what shows of these behind them: ``reach`` (N,) is how much of each ray comes here."""
+        """Return features (N, F) composited over the background; ``reach`` (N,) is the transmittance before it."""
         return feature.index_add(0, self.ray, reach[self.ray][:, None] * self.feature)
 
     def behind(self, traced: Composite) -> tuple[BackgroundSamples, BackgroundTrace]:
-        """Put this behind what rays hit in the volume; also what it did along the rays."""
+        """Return the result of the volume composited over the background, and the background's samples."""
         ray, reach = self.ray, traced.transmittance_after[self.ray]
         stopped = traced.depth_m * traced.opacity
         stopped = stopped.index_add(0, ray, reach * (self.weight * self.t).sum(1))
@@ -72,8 +71,8 @@ class Background:
 
 
 def background_along(scene: SceneModel, rays: RayBatch, sampling: Sampling, reach: Tensor) -> Background | None:
-    """Return the background behind the volume, along the rays of which a share ``reach`` (N,) that counts comes
-    through; None for none."""
+    """Return the background behind the volume, along the rays whose transmittance ``reach`` (N,) is not negligible;
+    None where there is none."""
     ray = torch.nonzero(reach.detach() > OPAQUE_TRANSMITTANCE)[:, 0]
     if len(ray) == 0:
         return None
@@ -95,15 +94,15 @@ def background_along(scene: SceneModel, rays: RayBatch, sampling: Sampling, reac
 
 
 def _disparity(u: Tensor, t0: Tensor, far_m: float) -> Tensor:
-    """Distances at fractions u (N, K) of the way from t0 (N, 1) to far_m, even in disparity."""
+    """Return the distances (N, K) at fractions u (N, K) of the way from t0 (N, 1) to ``far_m``, even in disparity."""
     return 1 / ((1 - u) / t0 + u / far_m)
 
 
 @torch.no_grad()
 def _places(scene: SceneModel, o: Tensor, d: Tensor, t0: Tensor, sampling: Sampling) -> tuple[Tensor, Tensor]:
-    """Where behind the volume, whose end is t0 (N, 1), the background model is queried, as fractions of disparity (N,
-    K), and the lengths (N, K) of the intervals round the places: most where a first, even set of densities says that
-    something is."""
+    """Return the places behind the volume, whose end is t0 (N, 1), at which the background model is queried, as
+    fractions of disparity (N, K), and the lengths (N, K) of the intervals around them: most where a first, even set of
+    densities is high."""
     samples = scene.config.samples
     proposals, count = (
         sampling.background_count(samples.background_proposals),
@@ -133,8 +132,8 @@ def trace(
     among: Tensor | None = None,
     mesh_hits: MeshHits | None = None,
 ) -> SegmentTrace:
-    """Features, depths and opacities of rays. ``among`` names the own actors that rays can hit, the others are
-    skipped; ``mesh_hits`` is where rays hit meshes."""
+    """Trace rays (N,): features, depths and opacities. ``among`` are the numbers of the own actors that rays can hit,
+    others are skipped; ``mesh_hits`` are the rays' hits on meshes."""
     actors, first = [], 0
     for number, actor_set in enumerate(active.sets):
         segments = actor_segments(actor_set, rays, sampling, number, first, among if number == 0 else None)
@@ -182,8 +181,8 @@ def trace(
 
 
 def _without_foreign(traced: Composite, ray_segments: list[RaySegments]) -> tuple[Tensor, Tensor]:
-    """Features (N, F) and transmittances (N,) behind the volume as if no foreign actor and no mesh were there:
-    composited anew on the rays that hit one, the others' are the same."""
+    """Return features (N, F) and transmittances (N,) behind the volume without foreign actors and meshes: composited
+    again on the rays that hit one, unchanged on the others."""
     hit = torch.zeros_like(traced.opacity, dtype=torch.bool)
     own = []
     for segments in ray_segments:

@@ -43,14 +43,14 @@ from .segments import Sampling
 from .trace import trace
 
 MIN_CHUNK_RAYS = 1 << 12
-"""Smallest chunk: a device without memory for so few rays has none for the scene."""
+"""Smallest number of rays of a chunk: a device without memory for these has none for the scene."""
 
 
 def in_chunks(count: int, rays: int, take: Callable[[int, int], None]) -> None:
     """Call ``take`` with the first and the end of each chunk of ``count`` rays, of ``rays`` at most.
 
     Where the device has no memory for a chunk, it and those that follow are halved. Raises torch.cuda.OutOfMemoryError
-    where there is none for `MIN_CHUNK_RAYS`. What ``take`` keeps, it keeps last.
+    where there is none for `MIN_CHUNK_RAYS`. ``take`` must store its result last.
     """
     begin = 0
     while begin < count:
@@ -69,9 +69,9 @@ def in_chunks(count: int, rays: int, take: Callable[[int, int], None]) -> None:
 
 CHUNK_RAYS = 1 << 14
 MAX_GPU_CHUNK_RAYS = 1 << 17
-"""Largest chunk on a GPU: Python's overhead is per chunk."""
+"""Largest number of rays of a chunk on a GPU: Python's overhead is per chunk."""
 EXACT_SAMPLES = QUALITIES["reference"].samples
-"""Qualities with so many samples are held against others."""
+"""Number of samples of qualities that others are compared with."""
 
 
 class TorchBackend:
@@ -145,15 +145,15 @@ class TorchTracer:
 
     @property
     def half(self) -> bool:
-        """Whether decoders work in half precision: a pixel's 8 bits need no more, where a device is faster so. The
-        quality may change from one image to the next."""
+        """Whether decoders use half precision, which suffices for a pixel's 8 bits, where a device is faster with it.
+        The quality may change from one image to the next."""
         return torch.device(self.device).type == "cuda" and self.quality.samples < EXACT_SAMPLES
 
     @torch.no_grad()
     def trace(
         self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats
     ) -> TraceResult[Tensor]:
-        """All rays in chunks; features joined, and for each pass one array (N, ...)."""
+        """See `tracer.Tracer`: rays are traced in chunks, and their results joined."""
         rays = rays.flat().sound()
         batch = to_batch(rays, self.scene.model.frame)
         starts = None
@@ -216,8 +216,7 @@ class TorchTracer:
     def image(
         self, traced: TraceResult[Tensor], directions: FloatArray, camera_id: str, shape: tuple[int, ...]
     ) -> Array:
-        """The image (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w,
-        3)."""
+        """See `tracer.Tracer`."""
         along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
 
         def decoded(network: SceneModel, feature: Tensor) -> Tensor:
@@ -242,7 +241,7 @@ class TorchTracer:
 
     @torch.no_grad()
     def returns(self, traced: TraceResult[Tensor], directions: FloatArray) -> tuple[Array, Array]:
-        """A LiDAR's intensities in 0..1 (N,), and the probabilities (N,) of a return."""
+        """See `tracer.Tracer`."""
         along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
         intensity, logit = self.scene.model.lidar_head(traced.feature, along, traced.depth_m, traced.opacity)
         for i, actor_set in enumerate(self.tensors.foreign.values()):
@@ -256,13 +255,13 @@ class TorchTracer:
 
     @torch.no_grad()
     def heights(self, points: FloatArray) -> FloatArray:
-        """How high points (N, 3), world frame, are above the ground (N,), metres."""
+        """See `tracer.Tracer`."""
         local = self.scene.model.frame.points(self.scene.model.frame.recentred(points))
         return np.asarray((local[:, 2] - self.scene.model.ground.height(local)).cpu().numpy(), np.float64)
 
 
 def to_batch(rays: Rays, frame: VolumeFrame) -> RayBatch:
-    """Rays as tensors on a volume's device, from its corner."""
+    """Return flat rays (N,) as tensors on a volume's device, measured from its corner."""
     return RayBatch(
         frame.recentred(rays.origins).contiguous(),
         torch.as_tensor(rays.directions).to(frame.rotation.dtype).to(frame.rotation.device).contiguous(),
@@ -276,8 +275,8 @@ def _joined(parts: list[Tensor | None]) -> Tensor | None:
 
 
 def _extrapolated(feature: Tensor, opacity: Tensor, shape: tuple[int, ...], cells: int) -> Tensor:
-    """A foreign actor's features (N, F), divided by its opacity and carried so far past its edges, where
-    decoders look too."""
+    """Return a foreign actor's features (N, F), divided by its opacity and extended by ``cells`` past its edges, which
+    decoders read, too."""
     f = feature.view(1, *shape, -1).permute(0, 3, 1, 2)
     a = opacity.view(1, 1, *shape)
     for _ in range(cells):
