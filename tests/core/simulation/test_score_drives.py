@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -232,6 +233,19 @@ def test_a_corridor_of_seven_metres_holds_a_car_two_and_a_half_aside(aside: floa
     assert found.farthest_m == pytest.approx(outside, abs=1e-9)
     assert found.steps_share == (1.0 if outside else 0.0)
     assert (found.method, found.corridor_width_m) == ("recorded_corridor", 7.0)
+
+
+@pytest.mark.parametrize("speed", [10.0, 0.0])
+def test_a_long_vehicle_that_repeats_the_log_stays_on_the_road_to_its_end(speed: float) -> None:
+    """The recorded path ends at the rear axle: the front of the vehicle was farther."""
+    motion = straight(FIVE, 3, 4, 0.7, speed)
+    record = record_of(FIVE, motion)
+    longer = tuple(replace(box, length_m=box.length_m + 4) for box in record.ego_footprints)
+    assert not off_road(replace(record, ego_footprints=longer)).off_road
+    on = straight(FIVE, 3, 4, 0.7, 12)
+    assert off_road(
+        replace(record_of(FIVE, on, log=motion), ego_footprints=record_of(FIVE, on).ego_footprints)
+    ).off_road
 
 
 def test_where_another_vehicle_drove_is_road_too() -> None:

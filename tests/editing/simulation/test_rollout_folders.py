@@ -123,9 +123,16 @@ def test_what_happened_is_told_in_order() -> None:
 
 def test_scores_are_rows() -> None:
     rows = {str(name): (str(value), warns) for name, value, warns in score_rows(SCORES, {"a": "Car 1"})}
-    assert rows["Collisions"] == ("1, at fault: 0", True) and rows["At 1.2 s"] == ("Car 1, 3.0 m/s", True)
+    assert rows["Collisions"] == ("1, at fault: 0", True) and rows["At 1.2 s"] == ("Car 1, 11 km/h", True)
     assert rows["Least TTC"] == ("0.4 s at 1.0 s", True) and rows["PDMS"] == ("–", False)
     assert rows["Progress"] == ("50 %", False) and rows["Road"] == ("left it", True)
+    for method, farthest_m, said in (
+        ("road_labels", None, "left it, by the log's labels"),
+        ("", 0.04, "left it by 0.04 m"),
+    ):
+        road = {"off_road": True, "first_s": 2.0, "method": method, "farthest_m": farthest_m}
+        shown = score_rows({**SCORES, "off_road": road, "deviation": {"across_max_m": 0.04}}, {})
+        assert ("Road", said, True) in shown and ("Off the log", "0.04 m at most", False) in shown
     assert rows["Comfort"][0] == "limits exceeded" and rows["NCAP stars"][0] == "–"
 
 

@@ -170,7 +170,9 @@ BEYOND_S = 3.0
 
 def metres(value: float) -> str:
     """Return a distance with as many digits as it needs: "3.0 m", "0.04 m"."""
-    return f"{value:.1f} m" if value >= 0.095 else f"{value:.2f} m" if value >= 0.005 else f"{1000 * value:.1f} mm"
+    if value >= 0.095 or value < 5e-5:
+        return f"{value:.1f} m"
+    return f"{value:.2f} m" if value >= 0.005 else f"{1000 * value:.1f} mm"
 
 
 def moved_words(apart: FloatArray) -> str:

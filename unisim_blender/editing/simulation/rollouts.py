@@ -23,8 +23,9 @@ from ...core.simulation.rollout.steps import RolloutStep
 from ...core.simulation.vehicle.actions import Plan
 from ...core.simulation.vehicle.parameters import Vehicle
 from ...core.world.captures import US_PER_SECOND
+from ..edits.lines import metres
 from ..reading.scenario import write_scenario
-from ..texts import Text, translatable
+from ..texts import Text, kmh, translatable
 
 SCORES, STEPS, SCENARIO = "scores.json", "steps.jsonl", "scenario.json"
 """Files of a rollout's folder."""
@@ -226,7 +227,7 @@ def score_rows(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[Scor
     add(translatable("Collisions"), collisions, bool(count))
     for contact in hits.get("contacts") or ():
         who = names.get(contact["actor"], contact["actor"])
-        words = Text("{name}, {speed:.1f} m/s", name=who, speed=contact["relative_speed_m_s"])
+        words = Text("{name}, {speed}", name=who, speed=kmh(contact["relative_speed_m_s"]))
         rows.append((Text("At {time:.1f} s", time=contact["time_s"]), words, True))
     least = _member(scores, "time_to_collision")
     seconds = least.get("minimum_s")
@@ -245,10 +246,13 @@ def score_rows(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[Scor
     share = _member(scores, "progress").get("share")
     add(translatable("Progress"), None if share is None else f"{100 * share:.0f} %")
     away = _member(scores, "deviation").get("across_max_m")
-    add(translatable("Off the log"), None if away is None else Text("{length:.1f} m at most", length=away))
+    add(translatable("Off the log"), None if away is None else Text("{length} at most", length=metres(away)))
     road = _member(scores, "off_road")
     if road.get("off_road") is not None:
-        add(translatable("Road"), Text("left it") if road["off_road"] else Text("kept to it"), bool(road["off_road"]))
+        left = Text("left it, by the log's labels") if road.get("method") == "road_labels" else Text("left it")
+        if road.get("farthest_m"):
+            left = Text("left it by {length}", length=metres(road["farthest_m"]))
+        add(translatable("Road"), left if road["off_road"] else Text("kept to it"), bool(road["off_road"]))
     smooth = _member(scores, "comfort").get("comfortable")
     add(
         translatable("Comfort"),

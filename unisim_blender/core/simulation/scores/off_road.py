@@ -13,7 +13,7 @@ import numpy as np
 
 from ...geometry import BoolArray, FloatArray, transform_points
 from ...world.polyline import Polyline
-from ..footprints import footprint_corners
+from ..footprints import directions, footprint_corners
 from .record import Record, RecordError
 
 RoadTest = Callable[[FloatArray], BoolArray]
@@ -43,8 +43,8 @@ def off_road(record: Record, on_road: RoadTest | None = None, corridor_width_m: 
     map).
 
     With ``on_road``, road is where that says so. Without, it is what lies within half of ``corridor_width_m`` of the
-    path of the log's ego or of one of `Record.recorded_paths`: a stand-in that knows no more than where somebody
-    drove. Raises `RecordError` where ``on_road`` answers anything but one truth value for each point.
+    path of the log's ego, from bumper to bumper, or of one of `Record.recorded_paths`: a stand-in that knows no more than
+    where somebody drove. Raises `RecordError` where ``on_road`` answers anything but one truth value for each point.
     """
     corners = footprint_corners(record.ego_boxes).reshape(-1, 2)
     if on_road is not None:
@@ -68,8 +68,19 @@ def in_corridor(record: Record, points: FloatArray) -> BoolArray:
 
 
 def _beyond_corridor(record: Record, points: FloatArray, width_m: float) -> FloatArray:
-    paths = (record.recorded_ego.positions[:, :2], *record.recorded_paths)
+    paths = (_bumper_to_bumper(record), *record.recorded_paths)
     return np.maximum(corridor_distance(points, paths, width_m / 2) - width_m / 2, 0.0)
+
+
+def _bumper_to_bumper(record: Record) -> FloatArray:
+    """Return the recorded path (K, 2) of the ego, from where its rear was first to where its front was last: a vehicle
+    that repeats the recorded drive stays in the corridor."""
+    ego, box, axle = record.recorded_ego, record.ego_boxes[0], record.ego_axle[0]
+    middle = float((box[:2] - axle[:2]) @ directions(axle[2]))
+    first, last = ego.at(ego.times_s[[0, -1]])
+    rear = first[:2, 3] + min(middle - box[2] / 2, 0.0) * first[:2, 0]
+    front = last[:2, 3] + max(middle + box[2] / 2, 0.0) * last[:2, 0]
+    return np.concatenate([rear[None], ego.positions[:, :2], front[None]])
 
 
 def corridor_distance(points: FloatArray, paths: tuple[FloatArray, ...], near_m: float) -> FloatArray:
