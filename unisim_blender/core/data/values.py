@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError
-from ..geometry import FloatArray, Trajectory, invert_pose
+from ..geometry import FloatArray, Trajectory, invert_pose, spread_indices
 from ..world.drive import Actor, Camera, Drive, Lidar
 from .classes import motion_of
 from .image_files import Notes, image_header
@@ -201,7 +201,7 @@ def doubts(log: Log, cameras: Collection[str] | None = None, lidars: Collection[
 
 def _times(drive: Drive) -> FloatArray:
     times = np.array([drive.time_s[frame] for frame in drive.frames])
-    return times[np.unique(np.linspace(0, len(times) - 1, SAMPLED_STEPS).round().astype(int))]
+    return times[spread_indices(len(times), SAMPLED_STEPS)]
 
 
 def _moves(track: Trajectory, times: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -15,7 +15,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import BoolArray, FloatArray, Quaternion, Trajectory, Vector3, quaternion_from_yaw, slerp
+from ..geometry import (
+    BoolArray,
+    FloatArray,
+    Quaternion,
+    Trajectory,
+    Vector3,
+    quaternion_from_yaw,
+    quaternion_product,
+    slerp,
+)
 from .polyline import Polyline, spaced
 
 MIN_KEY_DISTANCE_M = 0.2
@@ -341,9 +350,9 @@ def joined(
     along = (ahead_0 * fade)[:, None] * np.stack([cosines, sines], -1)
     raised = offset[2] if keeps_height else offset[2] * fade
     new = positions + np.concatenate([side + along, np.broadcast_to(raised, len(at))[:, None]], -1)
-    turned = product(quaternion_from_yaw(gear * np.arctan(slope / length_m)), quaternions)
-    rest = product(np.array(quaternion_wxyz), turned[0] * [1, -1, -1, -1])
-    turned = product(
+    turned = quaternion_product(quaternion_from_yaw(gear * np.arctan(slope / length_m)), quaternions)
+    rest = quaternion_product(np.array(quaternion_wxyz), turned[0] * [1, -1, -1, -1])
+    turned = quaternion_product(
         slerp(np.broadcast_to([1.0, 0, 0, 0], turned.shape), np.broadcast_to(rest, turned.shape), fade), turned
     )
     new[0], turned[0] = position, quaternion_wxyz
@@ -368,16 +377,3 @@ def quintic(u: FloatArray, start: float, slope: float) -> tuple[FloatArray, Floa
     value = start * (1 - 10 * u3 + 15 * u4 - 6 * u5) + slope * (u - 6 * u3 + 8 * u4 - 3 * u5)
     derivative = start * (-30 * u2 + 60 * u3 - 30 * u4) + slope * (1 - 18 * u2 + 32 * u3 - 15 * u4)
     return value, derivative
-
-
-def product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the products (..., 4) of quaternions (..., 4)."""
-    aw, ax, ay, az = np.moveaxis(a, -1, 0)
-    bw, bx, by, bz = np.moveaxis(b, -1, 0)
-    product = [
-        aw * bw - ax * bx - ay * by - az * bz,
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-    ]
-    return np.stack(product, -1)

@@ -16,6 +16,7 @@ from ...data.log import Sweep, SweepGrid
 from ...data.sweep_cells import make_grid, never_returned
 from ...errors import LogError
 from ...files import cache_folder, file_stamp, write_file
+from ...geometry import spread_indices
 from ...world.drive import Drive
 
 PNG = b"\x89PNG"
@@ -128,7 +129,7 @@ class FileLog(ABC):
 def spread_over(frames: Collection[int], count: int = SAMPLED_SWEEPS) -> list[int]:
     """Return up to ``count`` of some frames, spread over them, in their order: the first and the last are among them."""
     every = sorted(frames)
-    return sorted({every[at] for at in np.linspace(0, len(every) - 1, count).round().astype(int)})
+    return [every[at] for at in spread_indices(len(every), count)]
 
 
 def absent_frames(frames: Collection[int], there: Container[int]) -> str:

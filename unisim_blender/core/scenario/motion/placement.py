@@ -8,10 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...geometry import FloatArray, Quaternion, Vector3, make_pose, quaternion_from_yaw
+from ...geometry import FloatArray, Quaternion, Vector3, make_pose, quaternion_from_yaw, quaternion_product
 from ..checks import require
 from ..json_schema import NUMBER, POSITIVE, VECTOR, Schema, members_of, numbers
-from .trajectories import quaternion_product
 
 QUATERNION_LENGTH_TOLERANCE = 1e-3
 """Largest deviation of a quaternion's length from 1, for those written by hand."""

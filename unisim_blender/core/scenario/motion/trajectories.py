@@ -21,6 +21,7 @@ from ...geometry import (
     make_pose,
     quaternion_from_matrix,
     quaternion_from_yaw,
+    quaternion_product,
     slerp,
 )
 
@@ -35,21 +36,6 @@ SAME_TIME_S = 1e-9
 
 Poses = Callable[[FloatArray], FloatArray]
 Indices = NDArray[np.int64]
-
-
-def quaternion_product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Hamilton products (..., 4) of quaternions wxyz (..., 4): the rotation b, then a."""
-    aw, ax, ay, az = np.moveaxis(a, -1, 0)
-    bw, bx, by, bz = np.moveaxis(b, -1, 0)
-    return np.stack(
-        [
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ],
-        -1,
-    )
 
 
 def merged_times(own: FloatArray, *others: FloatArray) -> FloatArray:
