@@ -10,6 +10,7 @@ from typing import Any
 import bpy
 import pytest
 from edit_cases import standing
+from helpers import driving_car
 
 from unisim_blender.features.batch.operators import (
     BatchTask,
@@ -51,15 +52,24 @@ def add(scene: Any, ending: str) -> Any:
 
 def test_parameters_are_chosen_among_the_fields(moved: Any) -> None:
     first = add(moved, "position/1")
-    assert first.kind == "RANGE" and first.start == first.stop != 0.0
-    assert first.about.startswith("move car-") and first.name == "position_y"
+    assert first.kind == "RANGE" and first.stop - first.start == pytest.approx(2.0), "not three equal values"
+    assert first.name == first.about == f"{standing(moved).name}: place along y (m)"
     second = add(moved, "position/1")
-    assert second.name == "position_y 2"
+    assert second.name == f"{first.about} 2"
     first.count = 4
     second.kind, second.values = "VALUES", "0, 1.5"
     assert count_of(moved) == 8
     assert bpy.ops.unisim.remove_parameter(index=0) == {"FINISHED"}
-    assert [one.name for one in moved.unisim_batch.parameters] == ["position_y 2"] and count_of(moved) == 2
+    assert [one.name for one in moved.unisim_batch.parameters] == [f"{first.about} 2"] and count_of(moved) == 2
+
+
+def test_what_a_shift_made_is_offered(street: Any) -> None:
+    one = driving_car(street)
+    bpy.ops.unisim.shift_actor(left_m=1.25, ahead_m=0.0, later_s=0.6)
+    later = add(street, "later_s")
+    assert (later.name, later.start, later.stop) == (f"{one.name}: later (s)", pytest.approx(-0.4), pytest.approx(1.6))
+    labels = [label for _, label, _ in field_items(None, bpy.context)]
+    assert f"{one.name}: left (m) = 1.25" in labels and f"{one.name}: later (s) = 0.6" in labels
 
 
 def test_the_button_says_what_is_missing(street: Any, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ import bpy
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from helpers import SAMPLE
+from helpers import SAMPLE, assert_alike, drive_of
 
 from unisim_blender.core.cli.main import unisim
 
@@ -55,6 +55,9 @@ def test_an_earlier_blend_file_exports_the_scenario_that_it_did(addon: Any, fold
     assert bpy.ops.unisim.export_scenario("EXEC_DEFAULT", filepath=str(folder / "again.json")) == {"FINISHED"}
     again, earlier = (json.loads((folder / name).read_text()) for name in ("again.json", "edited.json"))
     assert {edit["type"] for edit in again["edits"]} == {"move", "remove", "scale", "duplicate", "ego"}
+    assert_alike(drive_of(folder / "again.json"), drive_of(folder / "edited.json"))
+    offset = again["edits"].pop(0)
+    assert offset == {"type": "move", "actor": earlier["edits"].pop(0)["actor"], "offset_m": [0.0, 3.0, 0.0]}
     close(again, earlier)
 
 

@@ -8,13 +8,12 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import driving, imported, read, select
+from helpers import driving, edited, imported, read, select
 
 from unisim_blender.bridge.importing.drive import set_colours
 from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.scenario.edits import Move
-from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.features.output.operators import UNISIM_OT_render_sequence
 from unisim_blender.process import background
 from unisim_blender.process.tasks import SequenceTask
@@ -41,12 +40,9 @@ def test_a_delay_is_in_seconds_of_the_log_at_any_frame_rate(street: Any, fps: in
     select(imported(street, "ACTOR", uid))
     bpy.ops.unisim.retime_actor(mode="DELAY", seconds=0.4)
     (edit,) = read(street).edits
-    assert isinstance(edit, Move) and edit.trajectory is not None
-    clock = Clock.of(source_of(street).drive)
-    recorded = source_of(street).drive.actors[uid].world_from_actor
-    key = next(key for key in edit.trajectory if key.frame == 10)
-    then = recorded.at(float(clock.time_s(np.array(10.0))) - 0.4)[:3, 3]
-    assert key.position == pytest.approx(then, abs=2e-3)
+    assert isinstance(edit, Move) and edit.later_s == pytest.approx(0.4)
+    recorded, now = source_of(street).drive.actors[uid].world_from_actor, edited(street).actors[uid].world_from_actor
+    assert now.at(1.0) == pytest.approx(recorded.at(0.6), abs=2e-3)
 
 
 def test_time_stretching_is_refused(street: Any) -> None:

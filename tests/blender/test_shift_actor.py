@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import bpy
 import numpy as np
 import pytest
-from helpers import edited, imported, read, select
+from helpers import assert_alike, edited, imported, read, select
 
 from unisim_blender.bridge.changes.motion import displaced_along
 from unisim_blender.bridge.objects.animation import curves_of, write_keys
@@ -122,6 +123,28 @@ def test_displacing_keeps_how_keys_blend(street: Any) -> None:
 def test_grey_without_an_actor(street: Any) -> None:
     select()
     assert not bpy.ops.unisim.shift_actor.poll()
+
+
+@pytest.mark.parametrize("left_m", [0.0, 1.25])
+@pytest.mark.parametrize("later_s", [0.0, 0.6, -0.35])
+def test_the_scenario_says_what_was_shifted(street: Any, tmp_path: Path, left_m: float, later_s: float) -> None:
+    uid = actor(street, moving=True)
+    select(imported(street, "ACTOR", uid))
+    bpy.ops.unisim.shift_actor(left_m=left_m, ahead_m=0.0, later_s=later_s)
+    scenario = read(street)
+    if not left_m and not later_s:
+        assert scenario.edits == ()
+        return
+    (edit,) = scenario.edits
+    assert isinstance(edit, Move) and edit.trajectory is None and edit.pose is None
+    assert (edit.offset_m, edit.later_s) == ((0.0, left_m, 0.0), later_s or None)
+    path = tmp_path / "scenario.json"
+    assert bpy.ops.unisim.export_scenario(filepath=str(path)) == {"FINISHED"}
+    before = edited(street)
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    assert bpy.ops.unisim.import_scenario(filepath=str(path)) == {"FINISHED"}
+    assert read(bpy.context.scene).edits == (edit,)
+    assert_alike(before, edited(bpy.context.scene))
 
 
 def test_what_has_no_front_is_shifted_copied_and_told_as_the_ego_sees_it(street: Any) -> None:

@@ -209,7 +209,7 @@ class Trajectory:
 
     @staticmethod
     def from_poses(times_s: FloatArray, poses: FloatArray) -> Trajectory:
-        """A trajectory of poses (T, 4, 4) at times (T,)."""
+        """Return a trajectory of poses (T, 4, 4) at times (T,)."""
         poses = np.asarray(poses, np.float64)
         return Trajectory(np.asarray(times_s, np.float64), poses[:, :3, 3], quaternion_from_matrix(poses[:, :3, :3]))
 
@@ -280,7 +280,7 @@ class Trajectory:
         return len(self.times_s).to_bytes(4, "little") + b"".join(array.tobytes() for array in arrays)
 
     def transformed(self, left: FloatArray | None = None, right: FloatArray | None = None) -> Trajectory:
-        """The trajectory ``left @ pose @ right`` with constant poses (4, 4), or one for each key (T, 4, 4)."""
+        """Return the trajectory ``left @ pose @ right`` with constant poses (4, 4), or one for each key (T, 4, 4)."""
         poses = self.poses
         if left is not None:
             poses = left @ poses
@@ -317,7 +317,7 @@ def split_trajectories(
 
 
 def box_corners(pose: FloatArray, size_m: FloatArray) -> FloatArray:
-    """The 8 corners (8, 3) of a box with its centre at ``pose`` (4, 4) and edges ``size_m`` (3,)."""
+    """Return the 8 corners (8, 3) of a box with its centre at ``pose`` (4, 4) and edges ``size_m`` (3,)."""
     return transform_points(pose, UNIT_BOX_CORNERS * np.asarray(size_m))
 
 

@@ -64,6 +64,7 @@ ALL_EDITS: list[dict[str, Any]] = [
     {"type": "duplicate", "actor": "car", "id": "a", "offset_m": [0, 3, 0], "turn_deg": 180, "time_offset_s": 0.2},
     {"type": "insert", "actor": "bus", "scene": "other", "id": "b", "trajectory": KEYS},
     {"type": "move", "actor": "late", "trajectory": KEYS, "outside": "hold"},
+    {"type": "move", "actor": "late", "offset_m": [0, 1, 0], "later_s": 0.1},
     {"type": "retime", "actor": "car", "speed": 0.5},
     {"type": "swap", "actor": "car", "appearance": "van"},
     {"type": "scale", "actor": "car", "factors": [1.3, 1, 0.75]},
@@ -140,6 +141,18 @@ def test_a_duplicate_later_is_where_the_source_was() -> None:
     source, copy = drive.actors["late"], drive.actors["b"]
     assert_same(copy.world_from_actor.at(TIMES), source.world_from_actor.at(TIMES - 0.15))
     assert (copy.start_s, copy.end_s) == (0.3 + 0.15, 0.8 + 0.15)
+
+
+def test_a_move_displaces_and_delays_its_own_trajectory() -> None:
+    shift = {"actor": "late", "offset_m": [0, 2, 0]}
+    copy = edited({"type": "duplicate", "id": "b", "time_offset_s": 0.15, **shift}).actors["b"]
+    now = edited({"type": "move", "later_s": 0.15, **shift}).actors["late"]
+    assert_same(now.world_from_actor.at(TIMES), copy.world_from_actor.at(TIMES))
+    assert (now.start_s, now.end_s, now.is_moving) == (0.3 + 0.15, 0.8 + 0.15, copy.is_moving)
+    present = edited({"type": "move", "actor": "late", "later_s": 0.15, "present": {"end_s": 0.6}}).actors["late"]
+    assert present.end_s == 0.6
+    with pytest.raises(ScenarioError, match="has later_s beside a path of its own"):
+        edited({"type": "move", "actor": "car", "later_s": 1, "trajectory": KEYS})
 
 
 def test_a_trajectory_of_keyframes() -> None:

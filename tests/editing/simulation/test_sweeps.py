@@ -32,17 +32,35 @@ SCENARIO: dict[str, Any] = {
 }  # fmt: skip
 
 
-def test_fields_have_pointers_and_labels() -> None:
-    found = {one.pointer: one for one in fields_of(SCENARIO)}
-    assert list(found) == [
-        "/edits/0/actor", "/edits/0/pose/position/0", "/edits/0/pose/position/1", "/edits/0/pose/position/2",
-        "/edits/0/pose/yaw_deg", "/edits/1/actor", "/edits/1/offset_s", "/edits/2/actor", "/simulation/seed",
-        "/simulation/actors/a~1b~0c/headway_s",
-    ]  # fmt: skip
-    place = found["/edits/0/pose/position/1"]
-    assert (place.label, place.name, place.value) == ("insert new car-01 pose position y", "position_y", 3.5)
-    model = found["/simulation/actors/a~1b~0c/headway_s"]
-    assert (model.label, model.name) == ("simulation actors a/b~c headway_s", "headway_s")
+def test_fields_are_in_words_and_units() -> None:
+    found = {one.pointer: one.label for one in fields_of(SCENARIO, {"car-02": "Car 2", "car-03": "Car 3"})}
+    models = {"headway_s": "gap in time (s)", "gap_m": "gap at rest (m)", "acceleration_m_s2": "acceleration (m/s²)",
+              "braking_m_s2": "braking (m/s²)", "exponent": "exponent"}  # fmt: skip
+    assert found == {
+        "/edits/0/actor": "new: appearance",
+        "/edits/0/pose/position/0": "new: place along x (m)",
+        "/edits/0/pose/position/1": "new: place along y (m)",
+        "/edits/0/pose/position/2": "new: place along z (m)",
+        "/edits/0/pose/yaw_deg": "new: heading (°)",
+        "/edits/1/offset_s": "Car 2: later (s)",
+        "/simulation/seed": "Simulation: seed",
+        **{f"/simulation/actors/a~1b~0c/{name}": f"a/b~c: {words}" for name, words in models.items()},
+    }
+
+
+def test_a_shift_can_be_varied() -> None:
+    move = {"type": "move", "actor": "car-01", "offset_m": [0.0, 1.25, 0.0]}
+    found = {one.label: one for one in fields_of({"edits": [move]}, {"car-01": "Car 1"})}
+    assert [*found] == ["Car 1: later (s)", "Car 1: forward (m)", "Car 1: left (m)", "Car 1: up (m)"]
+    assert found["Car 1: left (m)"].range == (0.25, 2.25) and found["Car 1: later (s)"].range == (-1.0, 1.0)
+
+
+def test_ranges_reach_to_both_sides_of_the_value() -> None:
+    found = {one.pointer.rpartition("/")[2]: one for one in fields_of(SCENARIO, {})}
+    assert found["headway_s"].range == (0.75, 2.25) and found["gap_m"].range == (0.5, 1.5)
+    sensors = {"cameras": [{"id": "front", "mount_offset": {"position": [0.0, 0.0, 0.5]}, "fov_deg": 0.0}]}
+    found = {one.label: one for one in fields_of({"sensors": sensors}, {})}
+    assert found["front: fov (°)"].range == (0.0, 1.0) and found["front: place along z (m)"].range == (0.3, 0.7)
 
 
 def test_values_are_numbers_or_texts() -> None:
@@ -64,6 +82,18 @@ def test_a_sweep_is_read_by_the_command_line(tmp_path: Path) -> None:
     last = scenario_to_json(jobs[-1].scenario)
     assert last["edits"][1]["offset_s"] == 1.0 and last["simulation"]["actors"]["a/b~c"]["headway_s"] == 2.5
     assert {job.driver for job in jobs} == {"idm"}
+
+
+def test_what_a_scenario_leaves_to_defaults_can_be_varied(tmp_path: Path) -> None:
+    move = {"type": "move", "actor": "car-01", "offset_m": [0.0, 1.25, 0.0]}
+    (tmp_path / "late.json").write_text(json.dumps({**SCENARIO, "edits": [move]}))
+    labels = {one.label: one.pointer for one in fields_of({**SCENARIO, "edits": [move]}, {})}
+    parameters = [Parameter(label, labels[label], (2.0,)) for label in ("car-01: later (s)", "a/b~c: gap at rest (m)")]
+    (tmp_path / "sweep.json").write_text(json.dumps(sweep_document("late", "late.json", parameters, None)))
+    (job,) = read_jobs([tmp_path / "sweep.json"])
+    filled = scenario_to_json(job.scenario)
+    assert filled["edits"] == [{**move, "later_s": 2.0}]
+    assert filled["simulation"]["actors"]["a/b~c"]["gap_m"] == 2.0
 
 
 @pytest.mark.parametrize("names", [("a", "a"), ("", "b")])

@@ -26,6 +26,14 @@ def trajectory_of(obj: bpy.types.Object) -> bpy.types.Object | None:
     return above if above is not None and above.unisim.kind == TRAJECTORY_KIND else None
 
 
+def span_of(obj: bpy.types.Object) -> tuple[float, float] | None:
+    """Return the frames of the first and last key of an object's trajectory; None where it has none."""
+    above = trajectory_of(obj)
+    curves = [] if above is None else [curve for curve in curves_of(above) if curve.data_path == "location"]
+    curve = next((curve for curve in curves if len(curve.keyframe_points)), None)
+    return None if curve is None else (float(curve.keyframe_points[0].co[0]), float(curve.keyframe_points[-1].co[0]))
+
+
 def ride(obj: bpy.types.Object, on: bpy.types.Object | None = None) -> bpy.types.Object:
     """Put ``obj``, undisplaced, onto a new trajectory that is parented to ``on``. Return the trajectory."""
     free(obj, on)

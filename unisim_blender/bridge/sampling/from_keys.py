@@ -73,7 +73,6 @@ class Sampler:
             sampled,
             mesh=title_of(obj) if about.mesh else "",
             ridden=rigid(self.matrices(above)) if above is not None and moved_by_keys(above) else None,
-            span=_span(above) if above is not None else None,
             scale_lift_m=about.scale_lift_m,
         )
 
@@ -178,14 +177,6 @@ def evaluated(
         return {}
     matrices, hidden, left_out = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     return {obj.name: (matrices[:, i], ~(hidden | left_out)[:, i]) for i, obj in enumerate(moved)}
-
-
-def _span(above: bpy.types.Object) -> tuple[float, float] | None:
-    """Return the frames of a trajectory's first and last key."""
-    curve = next(
-        (curve for curve in curves_of(above) if curve.data_path == "location" and len(curve.keyframe_points)), None
-    )
-    return None if curve is None else (float(curve.keyframe_points[0].co[0]), float(curve.keyframe_points[-1].co[0]))
 
 
 def _curve_state(curve: bpy.types.FCurve) -> tuple[object, ...]:

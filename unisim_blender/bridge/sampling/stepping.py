@@ -23,6 +23,7 @@ from ..objects.animation import keys_hide, scale_changes
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects, look_scene_of, sees_body, title_of
 from ..objects.meshes import extent_of, mesh_model_of
 from ..objects.sensors import camera_model_of
+from ..objects.trajectories import span_of
 
 SetFrame = Callable[[int], object]
 
@@ -100,6 +101,7 @@ def described(
         scaling=scaling,
         called=title_of(obj),
         sees_body=sees_body(obj),
+        span=span_of(obj),
     )
 
 

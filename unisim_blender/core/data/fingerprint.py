@@ -338,7 +338,7 @@ class AlignedLog:
         return getattr(self._log, name)
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
-        """The recorded returns."""
+        """Return the recorded returns."""
         sweep = self._log.sweep(lidar, frame)
         drops = sweep.drops
         if drops is not None:

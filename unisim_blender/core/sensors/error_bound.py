@@ -44,7 +44,7 @@ class ErrorBound:
         return float(f"{value:.4g}") if math.isfinite(value) else None
 
     def __str__(self) -> str:
-        """As `parse_bounds` reads it, to the bit of the limit."""
+        """Return the text that `parse_bounds` reads, with the limit to the bit."""
         limit = np.format_float_positional(self.limit, trim="-")
         return f"{'' if self.quantile == 0.5 else f'p{100 * self.quantile:.12g}:'}{limit}{self.unit}"
 

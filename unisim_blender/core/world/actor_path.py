@@ -179,7 +179,7 @@ class ActorPath:
         return ax + u * (bx - ax), ay + u * (by - ay)
 
     def places(self, s_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """As `place`, of arc lengths (K,): positions (K, 3) and quaternions (K, 4)."""
+        """Return `place` of arc lengths (K,): positions (K, 3) and quaternions (K, 4)."""
         lower = np.clip(np.searchsorted(self.s_m, s_m, side="right") - 1, 0, len(self.s_m) - 2)
         u = np.clip((s_m - self.s_m[lower]) / (self.s_m[lower + 1] - self.s_m[lower]), 0.0, 1.0)
         positions = self.positions[lower] + u[:, None] * (self.positions[lower + 1] - self.positions[lower])
@@ -291,7 +291,7 @@ def _leaves(
 
 
 def _slerp(a: Sequence[float], b: Sequence[float], u: float) -> Quaternion:
-    """As `geometry.slerp`, of single quaternions and without arrays."""
+    """Return `geometry.slerp` of single quaternions, without arrays."""
     (aw, ax, ay, az), (bw, bx, by, bz) = a, b
     dot = aw * bw + ax * bx + ay * by + az * bz
     sign = -1.0 if dot < 0 else 1.0

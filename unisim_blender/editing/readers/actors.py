@@ -17,8 +17,11 @@ import numpy as np
 
 from ...core.actor_images.names import plain_names
 from ...core.errors import ScenarioError
+from ...core.geometry import BoolArray, FloatArray, invert_pose
 from ...core.scenario.edit import Edit
 from ...core.scenario.edits import Duplicate, Insert, InsertMesh, Move, Remove, Scale, Swap
+from ...core.scenario.edits.move import shifted
+from ...core.scenario.motion.keys import Present
 from ...core.world.drive import Actor
 from ..edits.lines import EditLine, joined, line_of, path_phrases, unmoved
 from ..edits.reader import (
@@ -35,6 +38,11 @@ from ..edits.trajectories import present, vector
 from ..sampled.clock import Clock, recorded_poses
 from ..sampled.scene import SAME_M, UNIT, SampledObject, differ, refusal, same, same_turn, scale_text
 from ..texts import LOWER, Text, cased
+
+LATER_DIGITS, OFFSET_DIGITS = 4, 5
+"""Of a shift's seconds and metres: Blender's float32 keys tell no more."""
+SAME_LATER_S = 1e-3
+NEAR_M, NEAR_RAD = 2e-3, 1e-3
 
 
 class ReadEdit(NamedTuple):
@@ -178,6 +186,8 @@ class MoveReader(ActorReader[Move]):
         obj, there = context.here, context.recorded_there
         if not differ(obj.poses, obj.there, context.lifted, there):
             return None
+        if (shift := shift_of(context)) is not None:
+            return shift
         shown = present(context.clock, obj.there) if (obj.there != there).any() else None
         return Move(context.known.uid, **context.path(), present=shown)
 
@@ -189,6 +199,36 @@ class MoveReader(ActorReader[Move]):
             return None
         words = joined(path_phrases(obj, context.recorded, raised, there, context.known, context.clock, context.axes))
         return line_of("ACTOR", edit.actor, "MOVE", words or Text("Moved"), context.names, differs, context.clock, edit)
+
+
+def near(a: FloatArray, b: FloatArray) -> BoolArray:
+    """Return which poses (N, 4, 4) agree as far as keys that were delayed do, where the log's frames are not quite evenly
+    spaced: (N,) bool."""
+    away = np.linalg.norm((a - b)[:, :3, 3], axis=-1)
+    return np.asarray((away < NEAR_M) & (np.abs((a - b)[:, :3, :3]).max((1, 2)) < NEAR_RAD))
+
+
+def shift_of(context: ActorEditContext) -> Move | None:
+    """Return the move of an actor whose trajectory is displaced along its own axes and delayed, and no more; None where
+    it goes otherwise."""
+    obj, actor, clock = context.here, context.known, context.clock
+    if not actor.is_moving or obj.appearance or obj.scale_lift_m or obj.span is None or not obj.there.any():
+        return None
+    later_s = float(clock.time_s(np.array(obj.span[0]))) - float(actor.world_from_actor.times_s[0])
+    later_s = round(later_s, LATER_DIGITS) if abs(later_s) > SAME_LATER_S else 0.0
+    base = actor.world_from_actor.at(clock.times_s - later_s)
+    offset = np.median((invert_pose(base) @ obj.poses)[obj.there, :3, 3], axis=0)
+    offset = vector(np.round(offset, OFFSET_DIGITS) + 0.0) if np.abs(offset).max() > SAME_M else (0.0, 0.0, 0.0)
+    if not any(offset) and not later_s:
+        return None
+    after = shifted(actor, offset, later_s)
+    poses, there = after.world_from_actor.at(clock.times_s), obj.there
+    if not (near(poses, obj.poses) if later_s else same(poses, obj.poses))[there].all():
+        return None
+    start, end = context.reading.drive.window(after)
+    then = (clock.times_s >= start) & (clock.times_s <= end)
+    shown = None if (then == there).all() else present(clock, there) or Present()
+    return Move(actor.uid, offset, later_s or None, present=shown)
 
 
 @register

@@ -107,9 +107,9 @@ class SampledObject:
     it is drawn; ``mesh`` is the file of the model that an actor's own surface is, whose middle the poses are of, and
     ``label`` its class. ``scaling`` is how much larger it is drawn than it was imported; a mesh's scale is in its
     model. ``sees_body``: whether meshes that are the ego vehicle's body are visible to it. ``called`` is its name in
-    the scenario where that is not ``name``. For the edits list alone: ``ridden`` are the poses (N, 4, 4) of its
-    trajectory, ``span`` the frames of that one's first and last key, ``scale_lift_m`` how far it was lifted along its
-    own axis for its scale."""
+    the scenario where that is not ``name``; ``span`` are the frames of its trajectory's first and last key. For the
+    edits list alone: ``ridden`` are the poses (N, 4, 4) of its trajectory, ``scale_lift_m`` how far it was lifted along
+    its own axis for its scale."""
 
     name: str
     kind: str

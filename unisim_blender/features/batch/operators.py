@@ -16,6 +16,7 @@ from ...bridge.changes.variants import variants_of
 from ...bridge.objects.imported import source_of
 from ...bridge.objects.settings import output_sensors
 from ...bridge.window import Need, allowed, drive, folder_on_disk
+from ...core.actor_images.names import plain_names
 from ...core.errors import UnisimError
 from ...core.scenario import scenario_to_json
 from ...core.scenario.types import Scenario
@@ -27,7 +28,7 @@ from ...editing.texts import free_name
 from ...preferences import device, interpreter
 from ...process.background import launch
 from ...process.tasks import Task
-from ...translations import message
+from ...translations import localized, message
 from ..drive.export_operators import scenario_of
 from ..operator_bases import Needing, in_thread, nothing_runs
 from ..output.operators import sensor_options, width_options
@@ -229,12 +230,14 @@ class UNISIM_OT_add_parameter(Needing, bpy.types.Operator):
         parameters = context.scene.unisim_batch.parameters
         taken = {other.name for other in parameters}
         new = parameters.add()
-        new.at, new.about = field.pointer, field.label
-        new.name = free_name(field.name, taken)
+        new.at, new.about = field.pointer, localized(field.label)
+        new.name = free_name(new.about, taken)
         if isinstance(field.value, str):
             new.kind, new.values = "VALUES", field.value
+        elif isinstance(field.value, int):
+            new.kind, new.values = "VALUES", ", ".join(str(field.value + step) for step in range(new.count))
         else:
-            new.start = new.stop = field.value
+            new.start, new.stop = field.range
             new.values = f"{field.value:g}"
         return {"FINISHED"}
 
@@ -242,8 +245,16 @@ class UNISIM_OT_add_parameter(Needing, bpy.types.Operator):
 def find_fields(scene: bpy.types.Scene) -> None:
     """Read which fields the scenario of a scene has, for the menu. Raises `UnisimError`."""
     path = Path(bpy.path.abspath("//")).absolute() / "scenario.json"
-    _fields[:] = fields_of(scenario_to_json(scenario_of(scene, path)))
-    _items[:] = [(field.pointer, f"{field.label} = {field.value}", field.pointer) for field in _fields]
+    names = plain_names(source_of(scene).drive.actors)
+    _fields[:] = fields_of(scenario_to_json(scenario_of(scene, path)), names)
+    _items[:] = [
+        (field.pointer, f"{localized(field.label)} = {_said(field.value)}", field.pointer) for field in _fields
+    ]
+
+
+def _said(value: float | str) -> str:
+    """Return a value as it is shown."""
+    return value if isinstance(value, str) else f"{value:.4g}"
 
 
 class UNISIM_OT_remove_parameter(bpy.types.Operator):

@@ -52,7 +52,8 @@ def draw_parameter(column: bpy.types.UILayout, parameter: Any, index: int) -> No
     row = column.row(align=True)
     row.prop(parameter, "name", text="")
     row.operator("unisim.remove_parameter", text="", icon="X").index = index
-    column.label(text=parameter.about or parameter.at, translate=False)
+    if parameter.name != parameter.about:
+        column.label(text=parameter.about or parameter.at, translate=False)
     column.row(align=True).prop(parameter, "kind", expand=True)
     if parameter.kind == "VALUES":
         column.prop(parameter, "values", text="")

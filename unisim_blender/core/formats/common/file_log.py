@@ -62,7 +62,7 @@ class FileLog(ABC):
 
     @abstractmethod
     def sweep(self, lidar: str, frame: int) -> Sweep:
-        """The recorded returns."""
+        """Return the recorded returns."""
 
     @abstractmethod
     def _size_stated(self, camera: str) -> str:
@@ -77,11 +77,12 @@ class FileLog(ABC):
         return tuple(sorted(self._sweeps)) if lidar in self.drive.lidars else ()
 
     def image_path(self, camera: str, frame: int) -> Path | None:
-        """The file of the recorded image; None where there is none."""
+        """Return the file of the recorded image; None where there is none."""
         return self._images.get(camera, {}).get(frame)
 
     def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
-        """The recorded image (H, W, 3), sRGB; a grey camera's has three equal channels. Decoding needs Pillow."""
+        """Return the recorded image (H, W, 3), sRGB; a grey camera's has three equal channels. Decoding needs
+        Pillow."""
         from ...data.images import read_image
 
         content, where = self._image_content(camera, frame)
@@ -107,8 +108,8 @@ class FileLog(ABC):
         return self._sweeps[frame]
 
     def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
-        """The recorded sweep as beams x columns, with drops. Nothing is known of cells that never return, where the log gives no
-        drops."""
+        """Return the recorded sweep as beams x columns, with drops. Cells that never return are blocked, where the log
+        gives no drops."""
         sweep, sensor = self.sweep(lidar, frame), self.drive.lidars[lidar]
         if sensor.model.beams == 0:
             raise LogError(f"{self.path}: {lidar} does not scan beams x columns, ask for its plain sweep")

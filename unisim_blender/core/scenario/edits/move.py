@@ -4,43 +4,64 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from ...geometry import Trajectory
+import numpy as np
+
+from ...geometry import Trajectory, Vector3
 from ...world.drive import Actor, Drive
+from ..checks import require
 from ..context import EditContext, current, with_actor
 from ..edit import Edit, register
-from ..json_schema import TEXT
+from ..json_schema import NUMBER, TEXT, VECTOR
 from ..motion.keys import ACTOR_PATH, Keyframe, Present, check_path
 from ..motion.placement import Placement
-from ..motion.trajectories import is_moving
+from ..motion.trajectories import TimeMap, beside, is_moving, retimed
 from ..types import Scenario
 
 
 @register
 @dataclass(frozen=True)
 class Move(Edit):
-    """A new trajectory, or a place to stand."""
+    """A new trajectory, a place to stand, or the actor's own trajectory displaced along its axes and delayed."""
 
     type = "move"
-    members = {"actor": TEXT, **ACTOR_PATH}
+    members = {"actor": TEXT, "offset_m": VECTOR, "later_s": NUMBER, **ACTOR_PATH}
     seen_by = "actors"
 
     actor: str
+    offset_m: Vector3 | None = None
+    later_s: float | None = None
     pose: Placement | None = None
     trajectory: tuple[Keyframe, ...] | None = None
     outside: str | None = None
     present: Present | None = None
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse a path that is missing or contradicts itself."""
-        check_path(self, place)
+        """Refuse a path that is missing or contradicts itself, and a displacement beside one."""
+        shifted = [name for name in ("offset_m", "later_s") if getattr(self, name) is not None]
+        placed = self.pose is not None or self.trajectory is not None
+        require(not (shifted and placed), place, f"has {', '.join(shifted)} beside a path of its own")
+        check_path(self, place, needed=not shifted)
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """The drive with the actor on another path; it is there when it was, unless the edit says when."""
+        """Return the drive with the actor on another path; it is there when it was, or later, unless the edit says when."""
         actor = current(drive, self.actor, f"{place}.actor", context)
-        trajectory = context.trajectory(self.pose, self.trajectory, self.outside, place)
+        if self.pose is None and self.trajectory is None:
+            actor = shifted(actor, self.offset_m, self.later_s or 0.0)
+            trajectory, keyed = actor.world_from_actor, actor.is_moving
+        else:
+            trajectory = context.trajectory(self.pose, self.trajectory, self.outside, place)
+            keyed = self.trajectory is not None and len(self.trajectory) > 1
         start, end = (actor.start_s, actor.end_s) if self.present is None else context.presence(self.present, place)
-        keyed = self.trajectory is not None and len(self.trajectory) > 1
         return with_actor(drive, moved(actor, trajectory, (start, end), keyed))
+
+
+def shifted(actor: Actor, offset_m: Vector3 | None, later_s: float) -> Actor:
+    """Return an actor displaced along its own axes and delayed: where it is and when it is present."""
+    trajectory = beside(actor.world_from_actor, offset_m if offset_m and any(offset_m) else None, None, None)
+    if later_s:
+        trajectory = retimed(trajectory, TimeMap(np.array([later_s]), np.zeros(1)))
+    start, end = actor.start_s + later_s, actor.end_s + later_s
+    return replace(actor, world_from_actor=trajectory, start_s=start, end_s=end)
 
 
 def moved(actor: Actor, trajectory: Trajectory, window_s: tuple[float, float], keyed: bool) -> Actor:

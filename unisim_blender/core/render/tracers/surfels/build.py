@@ -232,7 +232,7 @@ def _fine(cloud: PointSums) -> _Returns:
 
 
 def _mirrored(cloud: PointSums, actor: Actor) -> _Returns:
-    """A vehicle's returns, and those of its other side where this one has none near."""
+    """Return a vehicle's returns, and those of its other side where this one has none near."""
     own = _fine(cloud)
     if not any(word in actor.label.lower() for word in SYMMETRIC_CLASSES) or len(own.points) == 0:
         return own
@@ -312,7 +312,7 @@ def _captures(log: Log, lidar: str, chosen: set[int]) -> list[int]:
 
 
 def _chosen_images(log: Log, camera: str, chosen: set[int]) -> list[int]:
-    """Of a camera's images those that are spread over the way that the vehicle goes."""
+    """Return a camera's images that are spread evenly over the vehicle's path."""
     taken = log.drive.cameras[camera].time_s
     frames = captures_of(taken, log.drive, sorted(chosen), log.image_frames(camera))
     if len(frames) <= IMAGES_PER_CAMERA:
