@@ -83,8 +83,8 @@ def quaternion_product(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def rotation_from_angles(yaw_rad: FloatArray, pitch_rad: FloatArray, roll_rad: FloatArray) -> FloatArray:
-    """Return rotations (..., 3, 3) of angles (...), radians: yaw about z, then pitch about y (nose down is positive), then roll
-    about x (left side up is positive)."""
+    """Return rotations (..., 3, 3) of angles (...), radians: yaw about z, then pitch about y (nose down is positive),
+    then roll about x (left side up is positive)."""
     (cy, cp, cr), (sy, sp, sr) = ([f(angle) for angle in (yaw_rad, pitch_rad, roll_rad)] for f in (np.cos, np.sin))
     rows = [
         [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
@@ -103,8 +103,8 @@ def angles_from_rotation(rotation: FloatArray) -> tuple[FloatArray, FloatArray, 
 
 
 def slerp(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
-    """Spherical interpolation of quaternions (..., 4) along the shorter arc; ``fraction`` (...) may leave [0, 1]. Between equal
-    ones it is ``a``, to the bit."""
+    """Spherical interpolation of quaternions (..., 4) along the shorter arc; ``fraction`` (...) may leave [0, 1].
+    Between equal ones it is ``a``, to the bit."""
     same = (a == b).all(-1, keepdims=True)
     dot = (a * b).sum(-1, keepdims=True)
     b = np.where(dot < 0, -b, b)
@@ -368,7 +368,8 @@ def intersect_boxes(
 
 
 def spread_indices(length: int, count: int) -> NDArray[np.int64]:
-    """Return up to ``count`` indices (K,) of ``length`` items, ascending and evenly spread, from the first to the last."""
+    """Return up to ``count`` indices (K,) of ``length`` items, ascending and evenly spread, from the first to the
+    last."""
     if length <= count:
         return np.arange(length)
     return np.unique(np.linspace(0, length - 1, count).round().astype(np.int64))

@@ -1,5 +1,5 @@
-"""The recorded images in which each actor of a drive is seen best: large, inside the image, with no other actor before it; and
-the actor cut out of one, as a square thumbnail in which what is not the actor is dimmed."""
+"""The recorded images in which each actor of a drive is seen best: large, inside the image, with no other actor before
+it; and the actor cut out of one, as a square thumbnail in which what is not the actor is dimmed."""
 
 from __future__ import annotations
 

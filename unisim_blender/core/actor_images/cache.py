@@ -1,6 +1,7 @@
 """Thumbnails and words for the colours of a log's actors, computed once and cached in the user's cache folder.
 
-Views of an actor in which a fence or a wall stands before it are left out, as LiDAR returns between it and the camera tell.
+Views of an actor in which a fence or a wall stands before it are left out, as LiDAR returns between it and the camera
+tell.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Kinds of motion of actors by class, a table for each dataset's names. Labels keep a dataset's own name.
 
-``rigid``: moves as one piece. ``deforming``: changes its shape as it moves, as a person does, or a rider with a bicycle in one
-box. ``still``: stands where it is.
+``rigid``: moves as one piece. ``deforming``: changes its shape as it moves, as a person does, or a rider with a bicycle
+in one box. ``still``: stands where it is.
 """
 
 from __future__ import annotations

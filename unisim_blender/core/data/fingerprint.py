@@ -126,7 +126,8 @@ class Fingerprint:
 
 
 def fingerprint_of(log: Log, camera: str, lidar: str) -> Fingerprint:
-    """Read the fingerprint of a log from some of its frames, by one camera and one LiDAR; "" for none. Raises `LogError`."""
+    """Read the fingerprint of a log from some of its frames, by one camera and one LiDAR; "" for none. Raises
+    `LogError`."""
     drive = log.drive
     chosen = [drive.frames[i] for i in spread_indices(len(drive.frames), MOST_FRAMES)]
     span = _span(drive, drive.cameras[camera]) if camera else (0.0, 0.0, 0.0, 0.0)
@@ -164,7 +165,8 @@ def _ego_from_camera(drive: Drive, camera: Camera, frame: int) -> FloatArray:
 
 
 def _image_marks(log: Log, name: str, span: tuple[float, float, float, float], frame: int) -> FloatArray:
-    """Return the mean brightness (CELLS), 0..255, of an image by direction; NaN for cells that it shows less than half of."""
+    """Return the mean brightness (CELLS), 0..255, of an image by direction; NaN for cells that it shows less than half
+    of."""
     camera = log.drive.cameras[name]
     image = log.image(name, frame).mean(-1)
     step = max(1, image.shape[1] // 240)
@@ -189,7 +191,8 @@ def _image_marks(log: Log, name: str, span: tuple[float, float, float, float], f
 
 
 def _sweep_marks(log: Log, name: str, frame: int) -> FloatArray:
-    """Return the median range (2, SECTORS), m, of a sweep by elevation and azimuth; NaN where there are too few returns."""
+    """Return the median range (2, SECTORS), m, of a sweep by elevation and azimuth; NaN where there are too few
+    returns."""
     lidar, ego = log.drive.lidars[name], log.drive.world_from_ego
     time_s = lidar.time_s[frame]
     points = log.sweep(name, frame).points - lidar.world_from_lidar.at(time_s)[:3, 3]
@@ -227,7 +230,8 @@ class LogComparison:
 
 
 def compare_log(own: Fingerprint, log: Log) -> LogComparison:
-    """Compare a log with a fingerprint: the ego's motion over the frames that both have, and some of their images and sweeps.
+    """Compare a log with a fingerprint: the ego's motion over the frames that both have, and some of their images and
+    sweeps.
 
     A capture that cannot be read is not compared.
     """
@@ -330,7 +334,8 @@ def _some(frames: Any) -> str:
 
 
 class AlignedLog:
-    """A log in another world and time: ``moved`` (4, 4) takes its world to the other, ``later_s`` is added to its times.
+    """A log in another world and time: ``moved`` (4, 4) takes its world to the other, ``later_s`` is added to its
+    times.
 
     Other members are the log's own.
     """

@@ -1,6 +1,7 @@
 """Image files of recorded drives and their headers. No image library is needed for JPEG and PNG.
 
-An image's *size* is that of the upright image: EXIF's orientation tells how a stored one is turned to it (CIPA DC-008, 4.6.4).
+An image's *size* is that of the upright image: EXIF's orientation tells how a stored one is turned to it (CIPA DC-008,
+4.6.4).
 """
 
 from __future__ import annotations
@@ -38,8 +39,8 @@ class Notes(dict[str, str]):
 
 @dataclass(frozen=True)
 class ImageHeader:
-    """An image file's width and height as stored, its orientation (1 to 8, as EXIF numbers them), bits of each channel, and
-    whether its pixels are sRGB, or grey, of 8 bits each, and nothing else."""
+    """An image file's width and height as stored, its orientation (1 to 8, as EXIF numbers them), bits of each channel,
+    and whether its pixels are sRGB, or grey, of 8 bits each, and nothing else."""
 
     width: int
     height: int
@@ -58,8 +59,8 @@ class ImageHeader:
         return (self.height, self.width) if self.orientation >= 5 else (self.width, self.height)
 
     def size(self, cx: float, cy: float) -> tuple[int, int]:
-        """Return the width and height that a camera was calibrated for whose principal point is cx, cy: the upright image's,
-        unless the point is clearly nearer to the middle of the image as it is stored."""
+        """Return the width and height that a camera was calibrated for whose principal point is cx, cy: the upright
+        image's, unless the point is clearly nearer to the middle of the image as it is stored."""
 
         def off(size: tuple[int, int]) -> float:
             return max(abs(cx / size[0] - 0.5), abs(cy / size[1] - 0.5))
@@ -88,9 +89,9 @@ def image_header(source: Path | bytes, where: str = "") -> ImageHeader:
 
 
 def files_by_stem(folder: Path, suffixes: Iterable[str], notes: Notes | None = None) -> dict[str, Path]:
-    """Return the files of a folder that have one of some suffixes, in any case of letters, by their names without it, sorted.
-    Of several of one stem the one with the first suffix is taken, and noted. Empty where there is no folder; raises `LogError`
-    where it cannot be read."""
+    """Return the files of a folder that have one of some suffixes, in any case of letters, by their names without it,
+    sorted. Of several of one stem the one with the first suffix is taken, and noted. Empty where there is no folder;
+    raises `LogError` where it cannot be read."""
     order = {suffix: rank for rank, suffix in reversed(list(enumerate(suffixes)))}
     try:
         paths = sorted(folder.iterdir()) if folder.is_dir() else []
@@ -116,7 +117,8 @@ def image_suffixes(own: str) -> tuple[str, ...]:
 
 
 def what_else(folder: Path) -> str:
-    """Return a remark on the files of a folder in which none is an image, " (but 20 files .npy)"; "" where it is empty."""
+    """Return a remark on the files of a folder in which none is an image, " (but 20 files .npy)"; "" where it is
+    empty."""
     try:
         suffixes = Counter(path.suffix for path in folder.iterdir() if path.is_file() and path.suffix != ".txt")
     except OSError:

@@ -32,10 +32,10 @@ def read_image(
 ) -> NDArray[np.uint8]:
     """Return the pixels (H, W, 3), sRGB, of an image's file, or of its bytes, which ``where`` names.
 
-    ``size``: width and height that it must have, as ``stated`` says: "the table gives 1600x900". It is turned as EXIF says
-    where it then has that size. Grey images of 16 bits are scaled to 8, colours of another profile are converted. What was done
-    and what is doubtful is noted once a ``camera``. Raises `LogError` for another size, numbers of which nothing states the
-    range, and a file that cannot be decoded.
+    ``size``: width and height that it must have, as ``stated`` says: "the table gives 1600x900". It is turned as EXIF
+    says where it then has that size. Grey images of 16 bits are scaled to 8, colours of another profile are converted.
+    What was done and what is doubtful is noted once a ``camera``. Raises `LogError` for another size, numbers of which
+    nothing states the range, and a file that cannot be decoded.
     """
     where = where or str(source)
     header = image_header(source, where)

@@ -71,7 +71,8 @@ class OtherReturns:
 class SweepRays:
     """Rays of one sweep, drops included, N of them in no order, world frame: of a LiDAR that scans no beams x columns.
 
-    origins, directions (N, 3), unit length; time_s (N,); depth_m, intensity (N,), 0 where nothing returned; returned (N,) bool.
+    origins, directions (N, 3), unit length; time_s (N,); depth_m, intensity (N,), 0 where nothing returned; returned
+    (N,) bool.
     """
 
     origins: FloatArray
@@ -86,10 +87,10 @@ class SweepRays:
 class SweepGrid:
     """A sweep as beams x columns. Cells without a return are drops, save the blocked ones, of which nothing is known.
 
-    origins, directions (B, C, 3) in the world frame, unit length (a drop's the log's own, or from the beam table); time_s (B, C);
-    depth_m, intensity (B, C), of the strongest return, 0 where nothing returned; returned, blocked (B, C) bool. ``blocked``: the
-    ego vehicle stands in the way, or the log gives drops, and this cell neither as one nor as a return. ``others``: the
-    returns beside the strongest.
+    origins, directions (B, C, 3) in the world frame, unit length (a drop's the log's own, or from the beam table);
+    time_s (B, C); depth_m, intensity (B, C), of the strongest return, 0 where nothing returned; returned, blocked (B,
+    C) bool. ``blocked``: the ego vehicle stands in the way, or the log gives drops, and this cell neither as one nor as
+    a return. ``others``: the returns beside the strongest.
     """
 
     model: LidarModel
@@ -157,7 +158,8 @@ class LogExtras:
     """Function from a camera's name to the mask (H, W) bool, at the recorded size, of pixels that show the vehicle
     itself; None where the log has none."""
     files: tuple[Path, ...] = ()
-    """The files that images and sweeps are read from, of a log that is named by one of its files; `log_digest` reads them."""
+    """The files that images and sweeps are read from, of a log that is named by one of its files; `log_digest` reads
+    them."""
     notes: Mapping[str, str] = field(default_factory=dict)
     """Notes so far for a user from reading images and sweeps, a sentence a matter: `image_files.Notes`."""
     road: Mapping[int, bool] = field(default_factory=dict)

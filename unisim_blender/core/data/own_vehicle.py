@@ -90,9 +90,9 @@ def given_outline(log: Log, camera: str, model: CameraModel) -> Outline | None:
     """Return the outline, at the model's size, of the vehicle in the log's mask of a camera; None where there is no
     mask.
 
-    An outline has one row for each column, so what lies beneath a marked pixel counts as the vehicle, too. Marked pixels of an
-    image's upper half (a roof's edge) have no outline: they are left in, with a warning.
-    Raises `LogError` for a mask of another size or kind.
+    An outline has one row for each column, so what lies beneath a marked pixel counts as the vehicle, too. Marked
+    pixels of an image's upper half (a roof's edge) have no outline: they are left in, with a warning. Raises `LogError`
+    for a mask of another size or kind.
     """
     given = extras_of(log).own_vehicle_mask(camera)
     if given is None:

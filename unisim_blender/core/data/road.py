@@ -19,8 +19,8 @@ _AROUND = np.array([x * _ROW + y for x in (-1, 0, 1) for y in (-1, 0, 1)])
 
 @dataclass(frozen=True, eq=False)
 class RoadCells:
-    """Cells of `CELL_M`, world frame, by their numbers in order: ``road`` has those with a return of road, ``other`` those with
-    returns of what is no road alone."""
+    """Cells of `CELL_M`, world frame, by their numbers in order: ``road`` has those with a return of road, ``other``
+    those with returns of what is no road alone."""
 
     road: NDArray[np.int64]
     other: NDArray[np.int64]

@@ -112,7 +112,8 @@ def _others(sweep: Sweep, index: NDArray[np.int64], distance: FloatArray, rank: 
 
 
 def with_drops(log: Log, lidar: str, frame: int) -> Sweep:
-    """Return a log's sweep with drops: the log's own, or where it gives none, cells that did not return and are not blocked."""
+    """Return a log's sweep with drops: the log's own, or where it gives none, cells that did not return and are not
+    blocked."""
     sweep = log.sweep(lidar, frame)
     if sweep.drops is not None or not log.drive.lidars[lidar].model.beams:
         return sweep
@@ -167,7 +168,8 @@ def _turns(late_s: FloatArray, sweep_s: float) -> NDArray[np.int64]:
     cells without a return; these get the number of the returns beside them.
 
     Turns differ because a sweep ends where a beam passes a certain azimuth. The beams of one column look in slightly
-    different directions, so near the end some have passed that azimuth, and begin the next sweep, while others have not.
+    different directions, so near the end some have passed that azimuth, and begin the next sweep, while others have
+    not.
     """
     turns = np.zeros(late_s.shape, np.int64)
     if sweep_s == 0:

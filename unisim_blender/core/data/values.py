@@ -91,8 +91,8 @@ RANGES = (
 class Intensities:
     """A LiDAR's intensities, from 0 to 1.
 
-    ``stated``: where the layout's scale is full. Files that others wrote may have another: where a sweep does not fit, the first,
-    the middle and the last one tell which, ``samples()``. What is done is noted.
+    ``stated``: where the layout's scale is full. Files that others wrote may have another: where a sweep does not fit,
+    the first, the middle and the last one tell which, ``samples()``. What is done is noted.
     """
 
     def __init__(
@@ -102,7 +102,8 @@ class Intensities:
         self._full: float | None = None
 
     def scaled(self, values: NDArray[np.floating[Any]], where: str) -> NDArray[np.float32]:
-        """Return a sweep's intensities (N,), which ``where`` names, in 0..1. Raises `LogError` where no scale holds them."""
+        """Return a sweep's intensities (N,), which ``where`` names, in 0..1. Raises `LogError` where no scale holds
+        them."""
         full = self._stated if self._full is None else self._full
         if self._full is None and not _fits(values, full):
             full = self._full = self._found(where)
@@ -168,7 +169,8 @@ def time_unit(times: FloatArray) -> float:
 
 
 def check_times(path: Path, drive: Drive) -> None:
-    """Raise `LogError` where a drive's frames are too far apart, or too near to each other, for its times to be seconds."""
+    """Raise `LogError` where a drive's frames are too far apart, or too near to each other, for its times to be
+    seconds."""
     steps = np.diff([drive.time_s[frame] for frame in drive.frames])
     if len(steps):
         for sentence in STEP.doubt(path, float(np.median(steps))):
@@ -205,8 +207,8 @@ def _times(drive: Drive) -> FloatArray:
 
 
 def _moves(track: Trajectory, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Speeds (T - 1,) of a trajectory between times (T,), and by what angles it goes beside its x axis where it moves (K,),
-    degrees."""
+    """Speeds (T - 1,) of a trajectory between times (T,), and by what angles it goes beside its x axis where it moves
+    (K,), degrees."""
     poses = track.at(times)
     velocity = np.diff(poses[:, :3, 3], axis=0) / np.diff(times)[:, None]
     speed = np.linalg.norm(velocity, axis=1)
@@ -264,7 +266,8 @@ def _camera_doubts(where: str, camera: Camera, drive: Drive) -> Iterator[str]:
 
 
 def _image_doubts(log: Log, name: str, camera: Camera) -> Iterator[str]:
-    """Doubts about some images of a camera; those that are not plain are decoded, so that what is done with them is noted."""
+    """Doubts about some images of a camera; those that are not plain are decoded, so that what is done with them is
+    noted."""
     size = camera.model.width, camera.model.height
     encoded: Callable[[str, int], bytes] | None = getattr(log, "encoded_image", None)
     for frame in spread(log.image_frames(name)):

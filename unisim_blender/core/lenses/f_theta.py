@@ -1,4 +1,5 @@
-"""The f-theta lens of NVIDIA's logs: a polynomial between angle and radius, in either direction, and a linear stretch."""
+"""The f-theta lens of NVIDIA's logs: a polynomial between angle and radius, in either direction, and a linear
+stretch."""
 
 from __future__ import annotations
 
@@ -25,9 +26,9 @@ FIT_POINTS = 512
 
 @dataclass(frozen=True)
 class FTheta(Lens):
-    """One of two polynomials without a constant, coefficients of powers 1, 2, 3, ...: ``radius_from_angle`` in focal lengths for
-    radians, or ``angle_from_radius``; the other direction is solved. ``linear`` (c, d, e) stretches the plane:
-    ``x' = c x + d y``, ``y' = e x + y``. Valid while the polynomial rises, up to ``max_angle_deg``."""
+    """One of two polynomials without a constant, coefficients of powers 1, 2, 3, ...: ``radius_from_angle`` in focal
+    lengths for radians, or ``angle_from_radius``; the other direction is solved. ``linear`` (c, d, e) stretches the
+    plane: ``x' = c x + d y``, ``y' = e x + y``. Valid while the polynomial rises, up to ``max_angle_deg``."""
 
     TYPE: ClassVar[str] = "f_theta"
 
@@ -60,8 +61,8 @@ class FTheta(Lens):
         max_angle_rad: float,
         linear: Sequence[float] = (1, 0, 0),
     ) -> tuple[float, FTheta]:
-        """Return the focal length in pixels and the lens of a polynomial that has its radius in pixels: its coefficients from
-        the constant on, which must be 0."""
+        """Return the focal length in pixels and the lens of a polynomial that has its radius in pixels: its
+        coefficients from the constant on, which must be 0."""
         c = [float(x) for x in polynomial]
         if len(c) < 2 or c[0] != 0 or not all(map(math.isfinite, c)) or not c[1] > 0:
             raise LensError(f"{FTheta.TYPE}: the polynomial must begin with 0 and a number above 0, not {short(c[:2])}")
@@ -74,9 +75,10 @@ class FTheta(Lens):
         return focal, FTheta((), tuple(x * focal**power for power, x in enumerate(c[1:], 1)), degrees, stretch)
 
     def in_pixels(self, fx: float, fy: float, count: int) -> tuple[FloatArray, FloatArray, tuple[float, float, float]]:
-        """Return both polynomials with the radius in pixels, and the linear stretch, of a camera with these focal lengths: pixels
-        for radians, radians for pixels, coefficients of powers 1, 2, 3, ... The one that the lens does not have is fitted with
-        ``count`` coefficients. Both axes are scaled by ``fy``; what fx is more goes into the stretch."""
+        """Return both polynomials with the radius in pixels, and the linear stretch, of a camera with these focal
+        lengths: pixels for radians, radians for pixels, coefficients of powers 1, 2, 3, ... The one that the lens does
+        not have is fitted with ``count`` coefficients. Both axes are scaled by ``fy``; what fx is more goes into the
+        stretch."""
         coefficients = np.array(self._coefficients)
         forward = bool(self.radius_from_angle)
         coefficients = coefficients * (fy if forward else fy ** -np.arange(1.0, 1 + len(coefficients)))

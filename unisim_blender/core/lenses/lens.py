@@ -53,13 +53,14 @@ class Lens(ABC):
     def project(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Project points or directions (..., 3) of the camera's frame, of any length, onto the plane (..., 2).
 
-        The second array (...) is True where a point lies in the valid domain; elsewhere the plane's coordinates are NaN.
+        The second array (...) is True where a point lies in the valid domain; elsewhere the plane's coordinates are
+        NaN.
         """
 
     @abstractmethod
     def unproject(self, plane: FloatArray) -> FloatArray:
-        """Return unit directions (..., 3) through points (..., 2) of the plane; NaN where no direction of the valid domain
-        projects there. Each depends on its own point alone, to the last bit."""
+        """Return unit directions (..., 3) through points (..., 2) of the plane; NaN where no direction of the valid
+        domain projects there. Each depends on its own point alone, to the last bit."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form: ``type`` and the parameters; ones that are at their default are left out."""
@@ -119,7 +120,8 @@ def angle_and_heading(points: FloatArray) -> tuple[FloatArray, FloatArray, Float
 
 
 def direction_of(angle: FloatArray, x: FloatArray, y: FloatArray, radius: FloatArray) -> FloatArray:
-    """Return unit directions (..., 3) at ``angle`` (...) from the optical axis towards (x, y) (...) of length ``radius``."""
+    """Return unit directions (..., 3) at ``angle`` (...) from the optical axis towards (x, y) (...) of length
+    ``radius``."""
     on_axis = radius == 0
     safe = np.where(on_axis, 1.0, radius)
     sine = np.sin(angle)

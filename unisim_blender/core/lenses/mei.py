@@ -1,4 +1,5 @@
-"""Mei's model, as KITTI-360's fisheyes have it: onto a unit sphere, from a point off its centre onto a plane, then distorted."""
+"""Mei's model, as KITTI-360's fisheyes have it: onto a unit sphere, from a point off its centre onto a plane, then
+distorted."""
 
 from __future__ import annotations
 
@@ -19,11 +20,11 @@ WIDEST_RADIUS = 10.0
 
 @dataclass(frozen=True)
 class Mei(Lens):
-    """``m = (x, y) / (z + xi)`` of unit directions, then radial (k1, k2) and tangential (p1, p2) distortion. KITTI-360's gamma1,
-    gamma2, u0, v0 are the camera's fx, fy, cx, cy.
+    """``m = (x, y) / (z + xi)`` of unit directions, then radial (k1, k2) and tangential (p1, p2) distortion.
+    KITTI-360's gamma1, gamma2, u0, v0 are the camera's fx, fy, cx, cy.
 
-    Valid where m rises with the angle (``cos(angle) > -xi``, or ``-1 / xi`` where xi is above 1) and the distortion is one to
-    one."""
+    Valid where m rises with the angle (``cos(angle) > -xi``, or ``-1 / xi`` where xi is above 1) and the distortion is
+    one to one."""
 
     TYPE: ClassVar[str] = "mei"
 

@@ -1,5 +1,5 @@
-"""Functions that rise from 0 to the end of a valid domain, and their inverse: a table, solved once, and Newton's method in its
-cells, safeguarded by bisection."""
+"""Functions that rise from 0 to the end of a valid domain, and their inverse: a table, solved once, and Newton's method
+in its cells, safeguarded by bisection."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ Function = Callable[[FloatArray], FloatArray]
 
 
 def end_of_rise(slope: Function, end: float, steepest: float = np.inf) -> float:
-    """Return where a function stops to rise on (0, end]: where its slope first falls to `LEAST_SLOPE` of that at 0, or grows to
-    ``steepest`` times it, found on a grid and then by bisection; ``end`` where neither happens, 0 where it does not begin to
-    rise."""
+    """Return where a function stops to rise on (0, end]: where its slope first falls to `LEAST_SLOPE` of that at 0, or
+    grows to ``steepest`` times it, found on a grid and then by bisection; ``end`` where neither happens, 0 where it
+    does not begin to rise."""
     at = np.linspace(0.0, end, NODES)
     with np.errstate(all="ignore"):
         slopes = slope(at)

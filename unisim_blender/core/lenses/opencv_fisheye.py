@@ -68,8 +68,8 @@ class RadialLens(Lens):
 
 @dataclass(frozen=True)
 class OpenCVFisheye(RadialLens):
-    """``radius = a (1 + k1 a2 + k2 a4 + k3 a6 + k4 a8)`` of the angle a. Valid while that rises, up to ``max_angle_deg``, which a
-    lens's calibration often states; it may lie above 90."""
+    """``radius = a (1 + k1 a2 + k2 a4 + k3 a6 + k4 a8)`` of the angle a. Valid while that rises, up to
+    ``max_angle_deg``, which a lens's calibration often states; it may lie above 90."""
 
     TYPE: ClassVar[str] = "opencv_fisheye"
 

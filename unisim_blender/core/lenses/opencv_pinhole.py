@@ -18,8 +18,8 @@ WIDEST_RAD = math.radians(89.0)
 
 @dataclass(frozen=True)
 class OpenCVPinhole(Lens):
-    """OpenCV's ``distCoeffs``, in its order k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 (a tilted sensor, tau_x and tau_y, is not
-    modelled). Valid where `plane_distortion` is, at most 89 degrees from the optical axis."""
+    """OpenCV's ``distCoeffs``, in its order k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 (a tilted sensor, tau_x and tau_y, is
+    not modelled). Valid where `plane_distortion` is, at most 89 degrees from the optical axis."""
 
     TYPE: ClassVar[str] = "opencv_pinhole"
 

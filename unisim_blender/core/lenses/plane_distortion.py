@@ -1,10 +1,11 @@
-"""Distortion of a plane: rational radial, tangential and thin prism terms, as OpenCV's pinhole and MEI's model have them.
+"""Distortion of a plane: rational radial, tangential and thin prism terms, as OpenCV's pinhole and MEI's model have
+them.
 
 ``x' = x R + 2 p1 x y + p2 (r2 + 2 x2) + s1 r2 + s2 r4``, ``y' = y R + p1 (r2 + 2 y2) + 2 p2 x y + s3 r2 + s4 r4`` with
 ``R = (1 + k1 r2 + k2 r4 + k3 r6) / (1 + k4 r2 + k5 r4 + k6 r6)``.
 
-The valid domain is the largest disc on which the symmetric part of the Jacobian is positive definite: on a convex set that makes
-the distortion one to one. Without tangential terms it is the disc on which the radius rises.
+The valid domain is the largest disc on which the symmetric part of the Jacobian is positive definite: on a convex set
+that makes the distortion one to one. Without tangential terms it is the disc on which the radius rises.
 """
 
 from __future__ import annotations
@@ -123,8 +124,8 @@ class PlaneDistortion:
         return x * back, y * back, np.hypot(du, dv)
 
     def _rescued(self, x: FloatArray, y: FloatArray, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Solve with steps that are halved until they lessen the miss. A point that is solved takes no further step, so that the
-        others do not matter to it."""
+        """Solve with steps that are halved until they lessen the miss. A point that is solved takes no further step, so
+        that the others do not matter to it."""
         for _ in range(RESCUE):
             missed = self._miss(x, y, u, v)
             open_ = np.flatnonzero(~(missed < CLOSE * (1 + np.hypot(u, v))))

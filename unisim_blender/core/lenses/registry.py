@@ -1,6 +1,8 @@
-"""Lens models by the name that files give them: the package's own, what a program registers, and those of other packages.
+"""Lens models by the name that files give them: the package's own, what a program registers, and those of other
+packages.
 
-Another distribution registers a model in its pyproject.toml; it is loaded when a file first names a model that is not known:
+Another distribution registers a model in its pyproject.toml; it is loaded when a file first names a model that is not
+known:
 
     [project.entry-points."unisim_blender.lenses"]
     name = "module:LensClass"

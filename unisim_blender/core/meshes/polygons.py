@@ -32,7 +32,8 @@ def file_beside(folder: Path, name: str) -> Path | None:
 
 
 def texture_beside(name: str, where: str, path: Path) -> NDArray[np.uint8]:
-    """Return the texture that the mesh file ``path`` names; ``where`` says where, in a sentence. Raises `ScenarioError`."""
+    """Return the texture that the mesh file ``path`` names; ``where`` says where, in a sentence. Raises
+    `ScenarioError`."""
     file = file_beside(path.parent, name)
     if file is None:
         raise ScenarioError(f"{path}: its texture {short(name)}{where} is missing")
@@ -95,8 +96,8 @@ def _ears(corners: FloatArray, normal: FloatArray) -> NDArray[Any]:
 
 
 def check_corners(faces: NDArray[Any], count: int, path: Path, face: Callable[[int], tuple[int, list[int]]]) -> None:
-    """Raise `ScenarioError` where triangles (F, 3) name none of ``count`` vertices; ``face`` gives the number of a triangle's
-    face in the file, and its vertices."""
+    """Raise `ScenarioError` where triangles (F, 3) name none of ``count`` vertices; ``face`` gives the number of a
+    triangle's face in the file, and its vertices."""
     bad = (faces < 0) | (faces >= count)
     if bad.any():
         number, corners = face(int(bad.any(1).argmax()))

@@ -90,8 +90,8 @@ def save_scene(path: Path, header: SceneHeader, model: SceneModel, beside: Besid
 
 
 def load_scene(path: str | Path, device: str = "cpu", header: SceneHeader | None = None) -> TorchScene:
-    """Read a trained scene; SceneError says what is wrong with its version, shapes or numbers. ``header`` is its header, where it
-    is read already."""
+    """Read a trained scene; SceneError says what is wrong with its version, shapes or numbers. ``header`` is its
+    header, where it is read already."""
     path = Path(path)
     header = read_scene_header(path) if header is None else header
     config = ModelConfig.from_dict(header.model)

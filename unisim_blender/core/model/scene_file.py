@@ -86,7 +86,8 @@ def read_scene_header(path: Path) -> SceneHeader:
 
 
 def read_header(path: Path) -> tuple[SceneHeader, str]:
-    """Read the header of the scene in folder ``path``, and the SHA-256 of its file in hexadecimal. Raises `SceneError`."""
+    """Read the header of the scene in folder ``path``, and the SHA-256 of its file in hexadecimal. Raises
+    `SceneError`."""
     file = header_path(path)
     content = read_bytes(file, SceneError)
     document = Node(parse_json(content, file, SceneError), f"{file}: ", SceneError)

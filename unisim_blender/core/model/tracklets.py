@@ -68,7 +68,8 @@ def rotation_from_quaternion(q: Tensor) -> Tensor:
 
 
 def slerp(a: Tensor, b: Tensor, u: Tensor) -> Tensor:
-    """Spherical interpolation of quaternions (N, 4) at u (N,), along the shorter arc; between equal ones ``a``, whatever u."""
+    """Spherical interpolation of quaternions (N, 4) at u (N,), along the shorter arc; between equal ones ``a``,
+    whatever u."""
     same = (a == b).all(-1, keepdim=True)
     dot = (a * b).sum(-1, keepdim=True)
     b = torch.where(dot < 0, -b, b)
@@ -86,8 +87,8 @@ def slerp(a: Tensor, b: Tensor, u: Tensor) -> Tensor:
 class Smoothing(nn.Module):
     """Means of keys' neighbours in time, by a Gaussian of `SMOOTH_S`; ``times_s`` (A, K), seconds, inf for padding.
 
-    Of few keys each actor has a matrix. Of a long drive's, whose matrices would fill memory, only neighbours within `REACH_S`
-    are kept, beyond which a weight is 1e-14.
+    Of few keys each actor has a matrix. Of a long drive's, whose matrices would fill memory, only neighbours within
+    `REACH_S` are kept, beyond which a weight is 1e-14.
     """
 
     def __init__(self, times_s: Tensor) -> None:

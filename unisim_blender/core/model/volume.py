@@ -37,8 +37,8 @@ class Volume:
         """80 m behind the first ego pose, 80 m ahead of the last, 120 m wide, 40 m high
         (UniSim's supplement, section 1).
 
-        It reaches 8 m below the lowest ego position, for streets that fall away. A drive that turns widens it. One that winds has
-        the smallest box in which each of its places has as much room as a straight drive's.
+        It reaches 8 m below the lowest ego position, for streets that fall away. A drive that turns widens it. One that
+        winds has the smallest box in which each of its places has as much room as a straight drive's.
         """
         times = np.array([drive.time_s[f] for f in drive.frames])
         poses = drive.world_from_ego.at(times)
@@ -90,7 +90,8 @@ def driven_m(poses: FloatArray) -> float:
 
 
 def winds(poses: FloatArray) -> bool:
-    """Return whether a drive by these poses (T, 4, 4) winds, so that the box of a straight one would leave it little room."""
+    """Return whether a drive by these poses (T, 4, 4) winds, so that the box of a straight one would leave it little
+    room."""
     heading = np.unwrap(np.arctan2(poses[:, 1, 0], poses[:, 0, 0]))
     return bool(np.ptp(heading) > WINDING_RAD and driven_m(poses) > WINDING_M)
 

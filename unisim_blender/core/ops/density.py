@@ -35,11 +35,11 @@ def logistic_intervals(s: Tensor, beta: Tensor | float) -> tuple[Tensor, Tensor]
 def logistic_intervals_reference(s: Tensor, beta: Tensor | float) -> tuple[Tensor, Tensor]:
     """`logistic_intervals` in plain torch.
 
-    ``1 - alpha = Phi(s2) / Phi(s1)`` with ``Phi(s) = sigmoid(beta s)`` (NeuS, Wang et al., 2021, eq. 13, for an interval
-    between two samples), so the optical depth of an interval is ``tau = max(0, softplus(-beta s2) - softplus(-beta
-    s1))``. It telescopes: a surface's weight does not depend on the steps. Everything stays in logs: ``1 - alpha`` is
-    ``exp(-tau)``, ``alpha`` is ``-expm1(-tau)``, neither comes from a subtraction. With s linear between the samples,
-    the integral of the transmittance is a difference of softplus.
+    ``1 - alpha = Phi(s2) / Phi(s1)`` with ``Phi(s) = sigmoid(beta s)`` (NeuS, Wang et al., 2021, eq. 13, for an
+    interval between two samples), so the optical depth of an interval is ``tau = max(0, softplus(-beta s2) -
+    softplus(-beta s1))``. It telescopes: a surface's weight does not depend on the steps. Everything stays in logs: ``1
+    - alpha`` is ``exp(-tau)``, ``alpha`` is ``-expm1(-tau)``, neither comes from a subtraction. With s linear between
+    the samples, the integral of the transmittance is a difference of softplus.
     """
     a = -beta * s
     outside = F.softplus(a)  # -log Phi

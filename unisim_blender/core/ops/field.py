@@ -37,7 +37,8 @@ def query_compiled(
     grid: GridArrays, table: Tensor, x: Tensor, w1: Tensor, w2: Tensor, bias: Tensor,
     index: Tensor | None = None, sink: GradientSink | None = None,
 ) -> Tensor:  # fmt: skip
-    """`query` in one compiled kernel, without gradients: encodings of a block of points stay in the processor's cache."""
+    """`query` in one compiled kernel, without gradients: encodings of a block of points stay in the processor's
+    cache."""
     lib = native.library()
     assert lib is not None
     w1, w2, bias, x, table = (value.detach().contiguous() for value in (w1, w2, bias, x, table))

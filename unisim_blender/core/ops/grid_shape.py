@@ -11,8 +11,8 @@ from .. import native
 
 @dataclass(frozen=True)
 class GridShape:
-    """Shape of a hash grid: for each level in ``scale`` the number of cells along the axes, ``features`` a level, and at
-    most ``2 ** log2_table`` rows in a level's table.
+    """Shape of a hash grid: for each level in ``scale`` the number of cells along the axes, ``features`` a level, and
+    at most ``2 ** log2_table`` rows in a level's table.
 
     A level whose vertices fit its table is dense (one row a vertex); the others are hashed.
     """

@@ -2,10 +2,9 @@
 
 Channels: R G B (linear Rec.709, half) and A, 1 everywhere: the background is part of the image, so it is opaque and its
 colour premultiplied; depth, z_depth (m, float; inf where nothing was hit), normal.X .Y .Z (world frame, half), instance
-(float, whole numbers: programs scale integer channels to 0..1 where they read all channels as float; 0 is the background, n the
-n-th name of the header's instances), opacity (half; of all that is nearer than the
-background) and unsupported (half; 1 where no recorded ray supports the pixel). A pass that was not
-rendered has no channel.
+(float, whole numbers: programs scale integer channels to 0..1 where they read all channels as float; 0 is the
+background, n the n-th name of the header's instances), opacity (half; of all that is nearer than the background) and
+unsupported (half; 1 where no recorded ray supports the pixel). A pass that was not rendered has no channel.
 """
 
 from __future__ import annotations

@@ -24,9 +24,9 @@ EVEN_TOLERANCE = 0.02
 def playback(times_s: Sequence[float], least_hz: float = 0.0) -> tuple[float, list[int]]:
     """Return a rate in frames per second, and the number of frames that each image is shown for.
 
-    Evenly spaced times (N,), ascending, in seconds, are played at their own rate, one frame each. Other ones at a rate at
-    which the shortest step lasts a frame, within ``least_hz`` and `MAX_RATE_HZ`: each image is shown until the time of the
-    next one, the last for one frame. An image whose step is shorter than half a frame is not shown.
+    Evenly spaced times (N,), ascending, in seconds, are played at their own rate, one frame each. Other ones at a rate
+    at which the shortest step lasts a frame, within ``least_hz`` and `MAX_RATE_HZ`: each image is shown until the time
+    of the next one, the last for one frame. An image whose step is shorter than half a frame is not shown.
     """
     steps = np.diff(np.asarray(times_s, float))
     if not len(steps):

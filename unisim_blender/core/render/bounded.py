@@ -50,7 +50,8 @@ DRIVE_SAMPLE_PIXELS = 1024
 IMAGE_SAMPLE_PIXELS = 900
 """Number of pixels of each image that are compared with the truth."""
 PATCH_PX, DRIVE_SAMPLE_PATCHES, IMAGE_SAMPLE_PATCHES = 16, 2, 16
-"""Edge in pixels of the squares sampled where pixels depend on their neighbours, and their number in each frame and image."""
+"""Edge in pixels of the squares sampled where pixels depend on their neighbours, and their number in each frame and
+image."""
 WORST_PIXEL_SHARE = 0.02
 """Share of a drive's pixels, those of the largest errors, that is too rare to be judged by one image's sample."""
 WORST_ERROR_FACTOR = 1.5

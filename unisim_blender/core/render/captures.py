@@ -22,8 +22,8 @@ SensorT = TypeVar("SensorT", Camera, Lidar)
 
 @dataclass(frozen=True)
 class CaptureStates:
-    """A drive's sensors, and the states that captures depend on. ``sees_all``: whether a frame depends on actors out of its view,
-    too."""
+    """A drive's sensors, and the states that captures depend on. ``sees_all``: whether a frame depends on actors out of
+    its view, too."""
 
     states: DriveStates
     reach: Reach
@@ -83,9 +83,9 @@ def render_image(
     region: Region | None = None,
     reuse: FrameReuse | None = None,
 ) -> CameraFrame:
-    """Render an image with these passes, ``width`` pixels wide (None: as recorded), or only its ``region``: the frame's arrays
-    then have the region's size. ``reuse`` has the sensors' last frames: while a sensor stands, only what may differ
-    is rendered."""
+    """Render an image with these passes, ``width`` pixels wide (None: as recorded), or only its ``region``: the frame's
+    arrays then have the region's size. ``reuse`` has the sensors' last frames: while a sensor stands, only what may
+    differ is rendered."""
     camera = states.camera(capture.sensor_id, width)
     time_s = capture.time_s(camera)
     state = states.state(camera, time_s)
@@ -101,8 +101,8 @@ def render_sweep(
     draw: int | None = None,
     reuse: FrameReuse | None = None,
 ) -> LidarFrame:
-    """Render a sweep. ``draw`` and the capture seed the random draw of which beams return (`Capture.seed`); with None, beams
-    return whose probability is 0.5 or more. ``reuse``: see `render_image`."""
+    """Render a sweep. ``draw`` and the capture seed the random draw of which beams return (`Capture.seed`); with None,
+    beams return whose probability is 0.5 or more. ``reuse``: see `render_image`."""
     lidar = states.lidar(capture.sensor_id)
     time_s = capture.time_s(lidar)
     seed = None if draw is None else capture.seed(draw)

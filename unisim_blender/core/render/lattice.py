@@ -188,8 +188,8 @@ def predicted(image: SparseImage, blocks: Blocks, size: int, spread: float) -> N
 
 
 def fill(image: SparseImage, blocks: Blocks, size: int) -> None:
-    """Interpolate the pixels that were not traced in blocks (N,) with similar corners: bilinear, with a correction towards
-    a traced middle that falls to 0 at the block's edges."""
+    """Interpolate the pixels that were not traced in blocks (N,) with similar corners: bilinear, with a correction
+    towards a traced middle that falls to 0 at the block's edges."""
     planes = _planes(image)
     if planes is None:
         return plain_fill(image, blocks, size)

@@ -14,9 +14,9 @@ class Quality:
     ``samples`` multiplies the scene's own samples a ray where they are placed by quantiles, as torch does everywhere
     and the compiled tracer with ``stride_m`` 0. ``background`` multiplies those of the background model. The others
     steer the march to surfaces: ``stride_m`` is its longest step, ``relaxation`` how much longer than the distance a
-    step may be, ``splits`` how often the interval that stops most of a ray is halved, ``opaque`` the transmittance behind which
-    nothing is looked at. ``lattice`` is how many pixels apart an image is traced at first; in between it is where the
-    corners' colours differ by more than ``spread`` and the middle's is not what they predict.
+    step may be, ``splits`` how often the interval that stops most of a ray is halved, ``opaque`` the transmittance
+    behind which nothing is looked at. ``lattice`` is how many pixels apart an image is traced at first; in between it
+    is where the corners' colours differ by more than ``spread`` and the middle's is not what they predict.
     """
 
     samples: float = 1.0

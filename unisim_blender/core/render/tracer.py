@@ -153,8 +153,8 @@ class Backend(Protocol):
         """Return the tracer of the scene in this state. Raises `SceneError` for actors that no scene holds."""
 
     def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
-        """Return whether what stands has the same bits for a sensor that stands at all times from ``start_s`` to ``end_s``,
-        seconds, whatever else is traced with it."""
+        """Return whether what stands has the same bits for a sensor that stands at all times from ``start_s`` to
+        ``end_s``, seconds, whatever else is traced with it."""
 
     def overhang_m(self, actor: Actor) -> float:
         """Return the largest distance, metres, by which an actor may extend past its box."""

@@ -91,8 +91,8 @@ def _box_corners(boxes: Sequence[Box], moments: int) -> FloatArray:
 
 
 def _in_frustum(corners: FloatArray, model: CameraModel, poses: FloatArray) -> BoolArray:
-    """Return which boxes, corners (N, T, 8, 3), are not wholly outside one plane of the frustum at some time; poses (T, 4, 4).
-    Through a lens that bends lines: whose spheres are not wholly outside the cone of the image's rays."""
+    """Return which boxes, corners (N, T, 8, 3), are not wholly outside one plane of the frustum at some time; poses (T,
+    4, 4). Through a lens that bends lines: whose spheres are not wholly outside the cone of the image's rays."""
     local = np.einsum("tji,ntkj->ntki", poses[:, :3, :3], corners - poses[:, None, :3, 3])
     if not model.is_pinhole:
         return _in_cone(local, model)
@@ -107,7 +107,8 @@ def _in_frustum(corners: FloatArray, model: CameraModel, poses: FloatArray) -> B
 
 
 def _in_cone(local: FloatArray, model: CameraModel) -> BoolArray:
-    """Return which boxes, corners (N, T, 8, 3) in the camera's frame, the cone of an image's rays may touch at some time."""
+    """Return which boxes, corners (N, T, 8, 3) in the camera's frame, the cone of an image's rays may touch at some
+    time."""
     middle = local.mean(2)
     moved = np.linalg.norm(np.diff(local, axis=1), axis=-1).max((1, 2), initial=0.0)
     radii = np.linalg.norm(local - middle[:, :, None], axis=-1).max(-1) + (moved + BOX_SLACK_M)[:, None]

@@ -1,5 +1,5 @@
-"""Scenario documents: read, checked, applied, moved to another file, and written. Reading and writing a document preserves it,
-up to former names."""
+"""Scenario documents: read, checked, applied, moved to another file, and written. Reading and writing a document
+preserves it, up to former names."""
 
 from __future__ import annotations
 

@@ -110,8 +110,8 @@ def check_by_schema(document: Any, schema: dict[str, Any], path: Path) -> None:
 
 
 def first_fault(value: Any, schema: Mapping[str, Any]) -> tuple[tuple[str | int, ...], str] | None:
-    """Return the steps to the first fault, in a document's order, that a schema finds in a JSON value, and what it is; None where
-    it finds none. Numbers that are not finite are none."""
+    """Return the steps to the first fault, in a document's order, that a schema finds in a JSON value, and what it is;
+    None where it finds none. Numbers that are not finite are none."""
     faults = _validator()(schema).iter_errors(value)
     first = min(faults, key=lambda fault: [str(step).zfill(8) for step in fault.absolute_path], default=None)
     if first is None:

@@ -1,5 +1,5 @@
-"""A scenario's times: the times that a list or a range names, their check, how the command line writes them; and a drive carried
-on before and after its recording, where what stands stays and what moves does what the scenario says."""
+"""A scenario's times: the times that a list or a range names, their check, how the command line writes them; and a
+drive carried on before and after its recording, where what stands stays and what moves does what the scenario says."""
 
 from __future__ import annotations
 
@@ -229,7 +229,8 @@ def _own_rules(scenario: Scenario) -> dict[str, str | None]:
 
 
 def _stated_ends(scenario: Scenario) -> set[str]:
-    """Return the ids of the actors whose last edit says until when they are there, and what they do outside the recording."""
+    """Return the ids of the actors whose last edit says until when they are there, and what they do outside the
+    recording."""
     stated: dict[str, bool] = {}
     for edit in scenario.edits:
         uid, present = getattr(edit, "id", None) or getattr(edit, "actor", None), getattr(edit, "present", None)

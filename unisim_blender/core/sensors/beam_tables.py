@@ -1,5 +1,5 @@
-"""Beam tables of LiDARs that are widely used, by name, in their makers' degrees; and from files, as NCore writes LiDARs'
-parameters (github.com/NVIDIA/ncore, "row-offset spinning LiDAR").
+"""Beam tables of LiDARs that are widely used, by name, in their makers' degrees; and from files, as NCore writes
+LiDARs' parameters (github.com/NVIDIA/ncore, "row-offset spinning LiDAR").
 """
 
 from __future__ import annotations
@@ -160,10 +160,11 @@ EVEN_TOLERANCE_RAD = 1e-5
 def read_beam_table(path: Path, min_range_m: float = 0.5, max_range_m: float = 200.0) -> LidarModel:
     """Return the beam table of a JSON file; a sweep ends at its frame's time.
 
-    Members: ``row_elevations_rad``, ``row_azimuth_offsets_rad``, ``column_azimuths_rad`` as fired, ``spinning_frequency_hz``,
-    ``spinning_direction`` ("cw" or "ccw"). Optional, beside NCore's own: ``row_times_s``, ``column_times_s``, how long after its
-    column, and the frame's time, a beam and a column is fired. Columns over less than a turn (a solid-state LiDAR's) are fired
-    evenly over the sweep. Ranges are the caller's, the files have none. Raises `UnisimError` naming file and value.
+    Members: ``row_elevations_rad``, ``row_azimuth_offsets_rad``, ``column_azimuths_rad`` as fired,
+    ``spinning_frequency_hz``, ``spinning_direction`` ("cw" or "ccw"). Optional, beside NCore's own: ``row_times_s``,
+    ``column_times_s``, how long after its column, and the frame's time, a beam and a column is fired. Columns over less
+    than a turn (a solid-state LiDAR's) are fired evenly over the sweep. Ranges are the caller's, the files have none.
+    Raises `UnisimError` naming file and value.
     """
     return beam_table(Node(read_json(path, UnisimError), f"{path}: ", UnisimError), min_range_m, max_range_m)
 

@@ -66,8 +66,8 @@ class BoundCheck:
 
 @dataclass(frozen=True)
 class ErrorBoundResult:
-    """Checks of a frame's bounds: the name of its ``settings`` in `quality.ERROR_BOUND_QUALITIES`, the number of rays or patches
-    in the ``sample``, and one check for each bound."""
+    """Checks of a frame's bounds: the name of its ``settings`` in `quality.ERROR_BOUND_QUALITIES`, the number of rays
+    or patches in the ``sample``, and one check for each bound."""
 
     settings: str
     sample: int

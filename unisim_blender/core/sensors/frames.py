@@ -42,10 +42,11 @@ class RenderStats:
 class CameraFrame:
     """One image. Passes that were not asked for are None.
 
-    rgb (H, W, 3) display-referred sRGB in 0..1; depth_m (H, W) along the ray, z_depth_m (H, W) along the optical axis, both inf
-    where nothing was hit; normal (H, W, 3) unit, world frame, 0 where nothing was hit; instance (H, W) index into ``instances``
-    plus 1, 0 for the background; opacity (H, W) in 0..1; unsupported (H, W) True where no recorded ray supports the pixel. Where
-    the lens has no direction for a pixel (`sensors.unprojection.image_mask`) it is black and unsupported, and nothing is hit.
+    rgb (H, W, 3) display-referred sRGB in 0..1; depth_m (H, W) along the ray, z_depth_m (H, W) along the optical axis,
+    both inf where nothing was hit; normal (H, W, 3) unit, world frame, 0 where nothing was hit; instance (H, W) index
+    into ``instances`` plus 1, 0 for the background; opacity (H, W) in 0..1; unsupported (H, W) True where no recorded
+    ray supports the pixel. Where the lens has no direction for a pixel (`sensors.unprojection.image_mask`) it is black
+    and unsupported, and nothing is hit.
     """
 
     model: CameraModel

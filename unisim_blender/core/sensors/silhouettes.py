@@ -38,7 +38,8 @@ def box_silhouette(model: CameraModel, camera_from_box: FloatArray, size_m: Floa
     """Return a rectangle that holds all pixels whose rays hit a box of edges ``size_m`` (3,) at ``camera_from_box`` (4,
     4); None where none does. Never too small.
 
-    The edge of what a box covers consists of projected edges of the box and, where it is cut, of the valid domain's edge.
+    The edge of what a box covers consists of projected edges of the box and, where it is cut, of the valid domain's
+    edge.
     """
     size = np.asarray(size_m, float)
     corners = UNIT_BOX_CORNERS * size

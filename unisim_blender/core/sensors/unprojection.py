@@ -23,8 +23,8 @@ _tables: OrderedDict[tuple[CameraModel, int], FloatArray] = OrderedDict()
 def directions(model: CameraModel, u: FloatArray, v: FloatArray) -> FloatArray:
     """Return unit directions (..., 3) in the camera's frame through image points u, v (...), pixels.
 
-    Centres of cells of 1, 2, 4, ... pixels are looked up in the camera's table, other points are solved; both give the same bits.
-    A point that the lens has no direction for gets one at the edge of the valid domain: see `has_direction`.
+    Centres of cells of 1, 2, 4, ... pixels are looked up in the camera's table, other points are solved; both give the
+    same bits. A point that the lens has no direction for gets one at the edge of the valid domain: see `has_direction`.
     """
     u, v = np.broadcast_arrays(u, v)
     step = _step(u, v)

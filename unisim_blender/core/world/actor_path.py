@@ -58,10 +58,10 @@ class Stop:
 class ActorPath:
     """Poses by arc length.
 
-    ``s_m`` (N,) strictly increasing from 0, N >= 2; ``positions`` (N, 3) of the box's centre and ``quaternions_wxyz`` (N, 4),
-    world frame; ``speeds_m_s`` (N,) recorded there. ``arrivals_s`` and ``leaves_s`` (M,), M <= N: when the recording came to
-    its first M keys, and when it left them; none for a path that nobody drove. ``ends``: whether its actor leaves the world at
-    its end.
+    ``s_m`` (N,) strictly increasing from 0, N >= 2; ``positions`` (N, 3) of the box's centre and ``quaternions_wxyz``
+    (N, 4), world frame; ``speeds_m_s`` (N,) recorded there. ``arrivals_s`` and ``leaves_s`` (M,), M <= N: when the
+    recording came to its first M keys, and when it left them; none for a path that nobody drove. ``ends``: whether its
+    actor leaves the world at its end.
     """
 
     s_m: FloatArray
@@ -148,8 +148,8 @@ class ActorPath:
 
     @cached_property
     def lines(self) -> FloatArray:
-        """The lines (7, N) that the path consists of in the plane: arc lengths of their starts, places and headings there, and
-        the changes of these three by arc length. The last one goes straight on beyond the end."""
+        """The lines (7, N) that the path consists of in the plane: arc lengths of their starts, places and headings
+        there, and the changes of these three by arc length. The last one goes straight on beyond the end."""
         s, *columns = self._plane
         values = np.stack(columns)
         return np.concatenate([s[None, :-1], values[:, :-1], np.diff(values) / np.diff(s)])
@@ -266,7 +266,8 @@ def yaw_of(quaternions_wxyz: FloatArray) -> FloatArray:
 
 
 def recorded_speeds(trajectory: Trajectory, times_s: FloatArray, start_s: float, end_s: float) -> FloatArray:
-    """Return the speeds (T,) in the plane at times (T,): means over `SPEED_WINDOW_S` before and after, within two times."""
+    """Return the speeds (T,) in the plane at times (T,): means over `SPEED_WINDOW_S` before and after, within two
+    times."""
     if end_s <= start_s:
         return np.zeros(len(times_s))
     before = np.clip(times_s - SPEED_WINDOW_S, start_s, end_s)
@@ -276,8 +277,8 @@ def recorded_speeds(trajectory: Trajectory, times_s: FloatArray, start_s: float,
 
 
 def _apart(positions: FloatArray, times_s: FloatArray) -> NDArray[np.int64]:
-    """Return indices of positions (T, 3) that are `MIN_KEY_DISTANCE_M` or more apart, and that of the last position, unless the
-    recording stands there."""
+    """Return indices of positions (T, 3) that are `MIN_KEY_DISTANCE_M` or more apart, and that of the last position,
+    unless the recording stands there."""
     keys = spaced(positions[:, :2], MIN_KEY_DISTANCE_M)
     rest = float(np.linalg.norm(positions[-1, :2] - positions[keys[-1], :2]))
     if rest > 1e-3 and times_s[-1] - times_s[keys[-1]] < MIN_STOP_S:
@@ -323,11 +324,12 @@ def joined(
     path: ActorPath, s_m: float, position: Vector3, quaternion_wxyz: Quaternion, length_m: float, left_m: float = 0.0,
     keeps_height: bool = False,
 ) -> ActorPath:  # fmt: skip
-    """Return the path from a pose to ``left_m`` left of ``path``, which it reaches ``length_m`` beyond arc length ``s_m``.
+    """Return the path from a pose to ``left_m`` left of ``path``, which it reaches ``length_m`` beyond arc length
+    ``s_m``.
 
-    The distance to the left is a quintic of arc length that starts in the pose's direction and ends along the path, both
-    without curvature of its own. ``keeps_height``: the height above the path stays what it is at the start; otherwise it, and
-    always what the pose has of roll and pitch, goes over into the path's.
+    The distance to the left is a quintic of arc length that starts in the pose's direction and ends along the path,
+    both without curvature of its own. ``keeps_height``: the height above the path stays what it is at the start;
+    otherwise it, and always what the pose has of roll and pitch, goes over into the path's.
     """
     count = max(int(math.ceil(length_m / _KEY_SPACING_M)), 2)
     inner = s_m + np.arange(count + 1) * (length_m / count)

@@ -32,9 +32,9 @@ FRAME_MARGIN_S = 0.25
 class RollingShutter:
     """Exposure times of an image's lines: line r of H is exposed at ``time + duration_s * (r / H - reference)``.
 
-    ``axis`` says what a line is: one of the "rows", from the top, or of the "columns", from the left. ``reference`` is the
-    fraction of the image that the camera's timestamp belongs to (0 the first line, 1 behind the last); a negative duration reads
-    from the last line to the first; 0 is a global shutter.
+    ``axis`` says what a line is: one of the "rows", from the top, or of the "columns", from the left. ``reference`` is
+    the fraction of the image that the camera's timestamp belongs to (0 the first line, 1 behind the last); a negative
+    duration reads from the last line to the first; 0 is a global shutter.
     """
 
     duration_s: float = 0.0
@@ -45,8 +45,8 @@ class RollingShutter:
     def of_exposure(
         start_s: float, end_s: float, time_s: float, axis: str = "rows", reverse: bool = False
     ) -> RollingShutter:
-        """Return the shutter of an image with timestamp ``time_s`` whose first line to be read is exposed at ``start_s`` and the
-        last at ``end_s``; ``reverse``: lines are read from the bottom up, or from the right."""
+        """Return the shutter of an image with timestamp ``time_s`` whose first line to be read is exposed at
+        ``start_s`` and the last at ``end_s``; ``reverse``: lines are read from the bottom up, or from the right."""
         duration = end_s - start_s
         if duration == 0:
             return RollingShutter(0.0, 0.5, axis)
@@ -72,7 +72,8 @@ class CameraModel:
     """An image's size and its projection of directions to pixels: the lens's plane, scaled by fx, fy (pixels) and moved
     by cx, cy.
 
-    Pixel centres lie at half integers: pixel (0, 0) covers [0, 1) x [0, 1). Raises `LensError` where fx or fy is not above 0.
+    Pixel centres lie at half integers: pixel (0, 0) covers [0, 1) x [0, 1). Raises `LensError` where fx or fy is not
+    above 0.
     """
 
     width: int
@@ -150,9 +151,9 @@ MAX_LIDAR_CELLS = 1 << 23
 class LidarModel:
     """A LiDAR's beam table: of a spinning one, or of a solid-state one whose beams sweep a part of a turn.
 
-    Beam b in column c looks along elevation_rad[b] and azimuth ``start_azimuth_rad + direction * 2 pi * (c + 0.5) / columns +
-    azimuth_offset_rad[b]`` (0 along the sensor's x, counter-clockwise), at ``frame time - sweep_s + time_offset_s + sweep_s *
-    (c + 0.5) / columns``: by default a sweep ends at its frame's time. Beam 0 is the highest.
+    Beam b in column c looks along elevation_rad[b] and azimuth ``start_azimuth_rad + direction * 2 pi * (c + 0.5) /
+    columns + azimuth_offset_rad[b]`` (0 along the sensor's x, counter-clockwise), at ``frame time - sweep_s +
+    time_offset_s + sweep_s * (c + 0.5) / columns``: by default a sweep ends at its frame's time. Beam 0 is the highest.
 
     Columns that are not even have tables: ``column_azimuth_rad`` (columns,) in place of the even azimuths, in the order
     of ``direction``, and ``column_time_s`` (columns,), seconds after the frame's time plus ``time_offset_s``, in place

@@ -1,5 +1,5 @@
-"""A drive as JSON: sensors, trajectories and boxes, float64 to the bit; shutters, lenses and beam tables, whose members may be
-left out.
+"""A drive as JSON: sensors, trajectories and boxes, float64 to the bit; shutters, lenses and beam tables, whose members
+may be left out.
 """
 
 from __future__ import annotations
@@ -105,7 +105,8 @@ def readouts_to_json(readouts: Readouts) -> dict[str, Any]:
 
 
 def read_readouts(node: Node) -> Readouts | None:
-    """Return the readouts that are the member ``readouts`` of an object; None where it has none. Raises the node's error."""
+    """Return the readouts that are the member ``readouts`` of an object; None where it has none. Raises the node's
+    error."""
     if "readouts" not in node.object():
         return None
     node = node.key("readouts")

@@ -1,8 +1,8 @@
 """Sensors with rates of their own: images and sweeps between the frames of the drive.
 
-A sensor's ``time_s`` numbers its captures. Those with the number of a frame of the drive are that frame's; all others, with
-numbers that no frame has, lie between frames, and belong to the frame that is nearest in time: with it they are trained on or
-held out.
+A sensor's ``time_s`` numbers its captures. Those with the number of a frame of the drive are that frame's; all others,
+with numbers that no frame has, lie between frames, and belong to the frame that is nearest in time: with it they are
+trained on or held out.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from .drive import Drive
 
 
 def number_captures(frame_times_s: Mapping[int, float], stamps_s: Sequence[float]) -> dict[int, float]:
-    """Return a sensor's ``time_s`` of all its stamps: each frame has the stamp nearest to it, at most half a frame away, and the
-    others are numbered on from the last frame's number, in the order of time."""
+    """Return a sensor's ``time_s`` of all its stamps: each frame has the stamp nearest to it, at most half a frame
+    away, and the others are numbered on from the last frame's number, in the order of time."""
     stamps, frames = np.sort(np.asarray(stamps_s, np.float64)), sorted(frame_times_s)
     if not frames or not len(stamps):
         return dict(enumerate(stamps.tolist(), 1 + max(frames, default=-1)))
@@ -36,8 +36,8 @@ def number_captures(frame_times_s: Mapping[int, float], stamps_s: Sequence[float
 
 
 def captures_of(time_s: Mapping[int, float], drive: Drive, frames: Sequence[int], there: Collection[int]) -> list[int]:
-    """Return the numbers of a sensor's captures, of those that are ``there``, that belong to some frames of the drive, by time;
-    in the order of ``frames`` where the sensor has no other."""
+    """Return the numbers of a sensor's captures, of those that are ``there``, that belong to some frames of the drive,
+    by time; in the order of ``frames`` where the sensor has no other."""
     chosen, have = set(frames), set(there)
     own = [frame for frame in frames if frame in have]
     between = sorted(

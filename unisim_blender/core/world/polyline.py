@@ -31,8 +31,8 @@ class Projection(NamedTuple):
 class Polyline:
     """Straight segments through points (N, 2), N >= 1.
 
-    ``along_m`` (N,) are arc lengths. It goes on straight before its first point and after its last one where ``before`` and
-    ``after``, unit directions (2,), say so.
+    ``along_m`` (N,) are arc lengths. It goes on straight before its first point and after its last one where ``before``
+    and ``after``, unit directions (2,), say so.
     """
 
     points: FloatArray
@@ -53,8 +53,8 @@ class Polyline:
 
     @cached_property
     def _segments(self) -> tuple[FloatArray, ...]:
-        """For each segment: x and y of its start, its unit direction, its start's arc length, and from where to where it goes
-        from there."""
+        """For each segment: x and y of its start, its unit direction, its start's arc length, and from where to where
+        it goes from there."""
         starts, legs = self.points[:-1], np.diff(self.points, axis=0)
         lengths = np.hypot(legs[:, 0], legs[:, 1])
         units = legs / np.where(lengths > 0, lengths, 1.0)[:, None]
@@ -90,8 +90,8 @@ class Polyline:
     def follow(self, points: FloatArray, near_m: float) -> tuple[FloatArray, FloatArray]:
         """Return the arc lengths (T,) and the distances (T,), left positive, of consecutive points (T, 2), metres.
 
-        The first is looked for near an arc length, each other one near the one before: a polyline that crosses itself is
-        followed and not jumped along.
+        The first is looked for near an arc length, each other one near the one before: a polyline that crosses itself
+        is followed and not jumped along.
         """
         along, across = np.empty(len(points)), np.empty(len(points))
         for index, (x, y) in enumerate(points.tolist()):
@@ -108,7 +108,8 @@ class Polyline:
 
 
 def spaced(points: FloatArray, least_m: float) -> NDArray[np.int64]:
-    """Return the indices of the points (N, 2) that are ``least_m`` or more from the kept one before; the first one is kept."""
+    """Return the indices of the points (N, 2) that are ``least_m`` or more from the kept one before; the first one is
+    kept."""
     indices = [0]
     last_x, last_y = points[0].tolist()
     for index, (x, y) in enumerate(points[1:].tolist(), 1):

@@ -1,5 +1,5 @@
-"""States of the world during one exposure: all that a sensor can see. A recorded or edited drive is a source of them, and
-of its actors' trajectories as arrays.
+"""States of the world during one exposure: all that a sensor can see. A recorded or edited drive is a source of them,
+and of its actors' trajectories as arrays.
 """
 
 from __future__ import annotations
@@ -188,8 +188,8 @@ def with_windows(drive: Drive, actors: Iterable[Actor]) -> list[Actor]:
 
 
 def over_whole_frames(drive: Drive) -> Drive:
-    """Return a drive whose actors are present while the sensors of a frame measure, shortly before the first frame and after the
-    last one, too (`Drive.window`); in the drive's own order."""
+    """Return a drive whose actors are present while the sensors of a frame measure, shortly before the first frame and
+    after the last one, too (`Drive.window`); in the drive's own order."""
     actors = {actor.uid: actor for actor in with_windows(drive, drive.actors.values())}
     return replace(drive, actors={uid: actors[uid] for uid in drive.actors})
 

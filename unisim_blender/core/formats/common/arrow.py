@@ -18,8 +18,8 @@ MOST_ROWS = 10_000_000
 
 
 def read_parquet(path: Path, columns: Mapping[str, Kind]) -> ArrowColumns:
-    """Read some columns of a Parquet file; others are not read. Raises `LogError` naming the file where it is missing or broken,
-    and the column where it is absent or `to_numpy` refuses it."""
+    """Read some columns of a Parquet file; others are not read. Raises `LogError` naming the file where it is missing
+    or broken, and the column where it is absent or `to_numpy` refuses it."""
     with _opened(path) as file:
         check_names(path, file.schema_arrow.names, columns)
         if file.metadata.num_rows > MOST_ROWS:
@@ -36,7 +36,8 @@ def has_columns(path: Path, names: list[str]) -> bool:
 
 
 def read_row(path: Path, row: int, columns: list[str]) -> dict[str, Any]:
-    """Return the cells of one row as Arrow's scalars; what lies in other groups of rows is not read. Raises `LogError`."""
+    """Return the cells of one row as Arrow's scalars; what lies in other groups of rows is not read. Raises
+    `LogError`."""
     with _opened(path) as file:
         check_names(path, file.schema_arrow.names, dict.fromkeys(columns))
         first = row
@@ -55,7 +56,8 @@ def read_row(path: Path, row: int, columns: list[str]) -> dict[str, Any]:
 
 
 def numbers_of(path: Path, name: str, cell: Any) -> NDArray[Any]:
-    """Return the numbers (K,) of a cell that holds a list, float64. Raises `LogError` for any other, and where it is empty."""
+    """Return the numbers (K,) of a cell that holds a list, float64. Raises `LogError` for any other, and where it is
+    empty."""
     pa = arrow(path)
     values = getattr(cell, "values", None)
     if values is None:
@@ -81,8 +83,8 @@ MAX_BYTES = 2**30
 
 
 def read_feather(path: Path, columns: Mapping[str, Kind]) -> ArrowColumns:
-    """Read some columns of a Feather file; others are not read. Raises `LogError` naming the file where it is missing, broken or
-    too large, and the column where it is absent or `to_numpy` refuses it."""
+    """Read some columns of a Feather file; others are not read. Raises `LogError` naming the file where it is missing,
+    broken or too large, and the column where it is absent or `to_numpy` refuses it."""
     pa = arrow(path)
     try:
         if path.stat().st_size > MAX_BYTES:
@@ -146,8 +148,8 @@ def check_names(path: Path, names: list[str], columns: Mapping[str, Any]) -> Non
 
 
 def to_numpy(path: Path, name: str, column: Any, kind: Kind) -> NDArray[Any]:
-    """Return an Arrow column as an array of its kind. Raises `LogError` naming file and column for another kind, an empty cell,
-    a number that is not finite, a pose that is not rigid."""
+    """Return an Arrow column as an array of its kind. Raises `LogError` naming file and column for another kind, an
+    empty cell, a number that is not finite, a pose that is not rigid."""
     pa = arrow(path)
     types = pa.types
     if kind == "pose":
@@ -175,7 +177,8 @@ def to_numpy(path: Path, name: str, column: Any, kind: Kind) -> NDArray[Any]:
 
 
 def values_of(column: Any) -> NDArray[Any]:
-    """Return the numbers (N,) of an Arrow array, chunked or not, without empty cells. Arrow's own way would import pandas."""
+    """Return the numbers (N,) of an Arrow array, chunked or not, without empty cells. Arrow's own way would import
+    pandas."""
     chunks = getattr(column, "chunks", [column])
     dtype = np.dtype({"halffloat": "f2", "float": "f4", "double": "f8"}.get(str(column.type), str(column.type)))
     parts = [np.frombuffer(c.buffers()[1], dtype, len(c), c.offset * dtype.itemsize) for c in chunks if len(c)]

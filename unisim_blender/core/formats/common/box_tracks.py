@@ -32,8 +32,8 @@ ROUNDS = 3
 
 
 def box_poses(drive: Drive, lidar: Lidar, frame: int) -> tuple[list[Actor], FloatArray]:
-    """Return the actors that a frame's labels list, those present when the beams of the frame's sweep pass them, and their poses
-    (N, 4, 4) in the world then."""
+    """Return the actors that a frame's labels list, those present when the beams of the frame's sweep pass them, and
+    their poses (N, 4, 4) in the world then."""
     every = drive.labelled_actors
     passed = passing(every, lidar, lidar.time_s[frame])
     there = [at for at, actor in enumerate(every) if actor.present(passed[at])]
@@ -54,7 +54,8 @@ def passing(actors: Sequence[Actor], lidar: Lidar, frame_time_s: float) -> Float
 
 
 INNER = 0.8
-"""Factor on the edges of a box for the inner box whose rays count: those along its edges end on the ground beside it, too."""
+"""Factor on the edges of a box for the inner box whose rays count: those along its edges end on the ground beside it,
+too."""
 BEFORE_M = 0.3
 """Distance before a box, metres, at which a ray that ends there is stopped by something else."""
 
@@ -134,8 +135,8 @@ class TrackedBoxes:
 
 
 def actors_of_boxes(path: Path, boxes: TrackedBoxes) -> dict[str, Actor]:
-    """Return actors by uid. Raises `LogError` naming the file for two boxes of one actor in a frame, and keys that are no
-    trajectory."""
+    """Return actors by uid. Raises `LogError` naming the file for two boxes of one actor in a frame, and keys that are
+    no trajectory."""
     if not len(boxes.uid):  # np.split of nothing gives one part
         return {}
     uids, group = np.unique(boxes.uid.astype(str), return_inverse=True)

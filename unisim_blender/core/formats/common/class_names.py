@@ -1,6 +1,7 @@
 """Class names of one dataset in another's words, so that what is trained on a dataset finds the classes that it knows.
 
-A name that the dataset has itself is kept; one that no table has is kept, too, or is the dataset's word for anything else.
+A name that the dataset has itself is kept; one that no table has is kept, too, or is the dataset's word for anything
+else.
 """
 
 from __future__ import annotations

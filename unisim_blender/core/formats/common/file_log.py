@@ -46,8 +46,8 @@ SAMPLED_SWEEPS = 8
 class FileLog(ABC):
     """A log whose images and sweeps are files, or records within files, each found by its sensor and frame.
 
-    A reader fills ``_images``, where each camera's images are by their frames (a path, or a record's number), and ``_sweeps``,
-    where sweeps are by their frames; and sets ``drive`` and ``missing``.
+    A reader fills ``_images``, where each camera's images are by their frames (a path, or a record's number), and
+    ``_sweeps``, where sweeps are by their frames; and sets ``drive`` and ``missing``.
     """
 
     path: Path
@@ -92,7 +92,8 @@ class FileLog(ABC):
         return read_image(content, (model.width, model.height), stated, self.notes, camera, where)
 
     def _image_content(self, camera: str, frame: int) -> tuple[Path | bytes, str]:
-        """Return an image's file, or its bytes and what names them in messages. Raises `LogError` where there is none."""
+        """Return an image's file, or its bytes and what names them in messages. Raises `LogError` where there is
+        none."""
         return self._image_place(camera, frame), ""
 
     def _image_place(self, camera: str, frame: int) -> Any:
@@ -127,7 +128,8 @@ class FileLog(ABC):
 
 
 def spread_over(frames: Collection[int], count: int = SAMPLED_SWEEPS) -> list[int]:
-    """Return up to ``count`` of some frames, spread over them, in their order: the first and the last are among them."""
+    """Return up to ``count`` of some frames, spread over them, in their order: the first and the last are among
+    them."""
     every = sorted(frames)
     return [every[at] for at in spread_indices(len(every), count)]
 

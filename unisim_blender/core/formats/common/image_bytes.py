@@ -22,8 +22,8 @@ COARSEST = 0.5
 
 
 class Rectification:
-    """A camera's images through an ideal pinhole of the same size and place, which sees as far to each side as the lens does, or
-    at the optical axis has half the lens's resolution.
+    """A camera's images through an ideal pinhole of the same size and place, which sees as far to each side as the lens
+    does, or at the optical axis has half the lens's resolution.
 
     Pixels that the lens does not show are black. Raises `OutputError` where the lens does not show its optical axis.
     """
@@ -103,7 +103,8 @@ JPEG_QUALITY = 95
 
 
 def image_file(log: Log, camera: str, frame: int, kind: str, rectification: Rectification | None = None) -> bytes:
-    """Return an image's file of a ``kind``, "jpeg" or "png": the log's own bytes where they are of it and nothing is rectified.
+    """Return an image's file of a ``kind``, "jpeg" or "png": the log's own bytes where they are of it and nothing is
+    rectified.
 
     Raises `LogError`, `OutputError`.
     """
@@ -118,7 +119,8 @@ def image_file(log: Log, camera: str, frame: int, kind: str, rectification: Rect
 
 
 def encoded_for(camera: Camera, rgb: NDArray[np.uint8]) -> bytes:
-    """Return an image (H, W, 3), sRGB, of a camera's size as a JPEG file's bytes. Raises `OutputError` for another size."""
+    """Return an image (H, W, 3), sRGB, of a camera's size as a JPEG file's bytes. Raises `OutputError` for another
+    size."""
     model = camera.model
     if rgb.shape != (model.height, model.width, 3) or rgb.dtype != np.uint8:
         raise OutputError(

@@ -38,7 +38,8 @@ class Run(Protocol):
         ...
 
     def messages(self) -> Iterator[Message]:
-        """Yield everything in the order of time. Raises `LogError` and `OutputError` for files that are missing or broken."""
+        """Yield everything in the order of time. Raises `LogError` and `OutputError` for files that are missing or
+        broken."""
         ...
 
     def images(self) -> Iterator[tuple[ImageMessage, Node]]:
@@ -51,9 +52,9 @@ class Run(Protocol):
 class RunFormat:
     """A format of a whole run, as --format has it.
 
-    ``output`` is what it writes, below the run's folder. ``modules`` are imported before anything is rendered, so that a missing
-    package is told at once. ``needs`` are the formats of frames that it is made of. ``write`` writes a run to a path: all of it,
-    or nothing; equal runs give equal bytes. It raises `UnisimError`.
+    ``output`` is what it writes, below the run's folder. ``modules`` are imported before anything is rendered, so that
+    a missing package is told at once. ``needs`` are the formats of frames that it is made of. ``write`` writes a run to
+    a path: all of it, or nothing; equal runs give equal bytes. It raises `UnisimError`.
     """
 
     name: str
@@ -70,8 +71,8 @@ PLUMB_BOB, RATIONAL, FISHEYE = "plumb_bob", "rational_polynomial", "equidistant"
 
 @dataclass(frozen=True)
 class OpenCVCalibration:
-    """``matrix``: K, row by row, with pixel centres at whole numbers, as OpenCV and ROS have them. ``coefficients`` are in the
-    order of ``distortion``; other lenses have their own name there, and none."""
+    """``matrix``: K, row by row, with pixel centres at whole numbers, as OpenCV and ROS have them. ``coefficients`` are
+    in the order of ``distortion``; other lenses have their own name there, and none."""
 
     matrix: tuple[float, ...]
     distortion: str
@@ -156,8 +157,8 @@ class Mounts:
 
 @dataclass(frozen=True)
 class RolloutEgo:
-    """The vehicle of a rollout, by the middle of its rear axle, at the end of a step. ``speed_m_s`` is along its heading,
-    ``yaw_rate_rad_s`` counter-clockwise."""
+    """The vehicle of a rollout, by the middle of its rear axle, at the end of a step. ``speed_m_s`` is along its
+    heading, ``yaw_rate_rad_s`` counter-clockwise."""
 
     time_ns: int
     pose: Pose
@@ -178,8 +179,8 @@ class PlannedPoses:
 
 @dataclass(frozen=True)
 class ImageMessage:
-    """An image's file, and the camera that took it. ``moved`` names the frame of reference that moves with the image, EGO where
-    the camera rides on the vehicle, else the camera's own, and its pose then."""
+    """An image's file, and the camera that took it. ``moved`` names the frame of reference that moves with the image,
+    EGO where the camera rides on the vehicle, else the camera's own, and its pose then."""
 
     time_ns: int
     sensor_id: str
@@ -191,7 +192,8 @@ class ImageMessage:
 
 @dataclass(frozen=True)
 class SweepMessage:
-    """A sweep's returns: records of `POINT_FIELDS` in the sensor's frame, which lies at ``pose``; ``moved`` as of an image."""
+    """A sweep's returns: records of `POINT_FIELDS` in the sensor's frame, which lies at ``pose``; ``moved`` as of an
+    image."""
 
     time_ns: int
     sensor_id: str

@@ -26,8 +26,8 @@ RecordingT = TypeVar("RecordingT", bound="RigRecording")
 
 @dataclass
 class LayoutCamera:
-    """A camera as a layout has it: its name in the drive, its channel, mount (4, 4) on the vehicle, model, and stamps by
-    frame, in the layout's unit."""
+    """A camera as a layout has it: its name in the drive, its channel, mount (4, 4) on the vehicle, model, and stamps
+    by frame, in the layout's unit."""
 
     name: str
     channel: str
@@ -41,9 +41,10 @@ class LayoutCamera:
 class RigLayout:
     """A dataset's layout.
 
-    ``title`` stands in sentences, ``dataset`` has the class names. ``headings_deg`` and ``farthest_deg``: see `named_by_heading`;
-    ``own_channel`` names the channel of another camera. ``stamp`` makes the layout's stamp of a time of the drive in seconds,
-    ``seconds`` the time of a stamp. ``sweep_s`` gives the time by which a frame's sweep is stamped.
+    ``title`` stands in sentences, ``dataset`` has the class names. ``headings_deg`` and ``farthest_deg``: see
+    `named_by_heading`; ``own_channel`` names the channel of another camera. ``stamp`` makes the layout's stamp of a
+    time of the drive in seconds, ``seconds`` the time of a stamp. ``sweep_s`` gives the time by which a frame's sweep
+    is stamped.
     """
 
     title: str
@@ -60,8 +61,9 @@ class RigLayout:
 class RigRecording:
     """A log in the terms of a `RigLayout`, to be written below ``root``: the source of all its files.
 
-    ``name`` is the drive's, as a file's; ``mount`` (4, 4) the LiDAR's on the vehicle; ``sweeps``: stamps by frame, which follow
-    each other. ``losses`` and ``camera_losses`` have a sentence for each thing that is lost, "" for nothing.
+    ``name`` is the drive's, as a file's; ``mount`` (4, 4) the LiDAR's on the vehicle; ``sweeps``: stamps by frame,
+    which follow each other. ``losses`` and ``camera_losses`` have a sentence for each thing that is lost, "" for
+    nothing.
     """
 
     log: Log
@@ -93,7 +95,8 @@ class RigRecording:
 
 
 def _plan_cameras(log: Log, layout: RigLayout) -> tuple[list[LayoutCamera], list[str]]:
-    """Return the cameras of a log that have images, and what they lose. Raises `OutputError` for two images at one time."""
+    """Return the cameras of a log that have images, and what they lose. Raises `OutputError` for two images at one
+    time."""
     said: list[str] = []
     mounts: dict[str, FloatArray] = {}
     for name, (mount, sentence) in camera_mounts(log).items():
@@ -136,8 +139,8 @@ ALL_ROUND_RAD = np.radians(350.0)
 
 
 def turning_lidar(log: Log, layout: str) -> tuple[Lidar, list[str]]:
-    """Return the LiDAR of a layout that has one: of those that turn all round and have sweeps, the one with most beams, of equal
-    ones the highest; and a sentence for each of the others. Raises `OutputError` where there is none."""
+    """Return the LiDAR of a layout that has one: of those that turn all round and have sweeps, the one with most beams,
+    of equal ones the highest; and a sentence for each of the others. Raises `OutputError` where there is none."""
     drive = log.drive
     turning = [lidar for name, lidar in drive.lidars.items() if log.sweep_frames(name) and _turns(lidar)]
     if not turning:
@@ -160,8 +163,8 @@ def _height(lidar: Lidar, drive: Drive) -> float:
 
 
 def looking_time(lidar: Lidar, frame: int, azimuth_rad: float) -> float:
-    """Return when the columns of a frame's sweep look along an azimuth of the sensor's frame, seconds; up to half of a column
-    before the sweep or after it."""
+    """Return when the columns of a frame's sweep look along an azimuth of the sensor's frame, seconds; up to half of a
+    column before the sweep or after it."""
     model = lidar.model_at(lidar.time_s[frame])
     columns, times = np.unwrap(column_azimuths(model)), column_times(lidar, lidar.time_s[frame])
     turned = model.direction * (columns - columns[0])
@@ -175,8 +178,8 @@ def looking_time(lidar: Lidar, frame: int, azimuth_rad: float) -> float:
 
 
 def nearest_rings(ring: NDArray[np.int32], local: FloatArray, lidar: Lidar) -> NDArray[np.int64]:
-    """Return the beam of each point (N,): where ``ring`` (N,) is -1 the one whose elevation is nearest. ``local`` (N, 3) is in
-    the sensor's frame."""
+    """Return the beam of each point (N,): where ``ring`` (N,) is -1 the one whose elevation is nearest. ``local`` (N,
+    3) is in the sensor's frame."""
     elevation = np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1]))
     rising = lidar.model.elevation_rad[::-1]
     nearest = len(rising) - 1 - np.searchsorted((rising[1:] + rising[:-1]) / 2, elevation)
@@ -190,13 +193,15 @@ def mid_exposure_shutter(camera: Camera) -> RollingShutter:
 
 
 def exposure_middle(camera: Camera, frame: int) -> float:
-    """Return the middle of an image's exposure, seconds: where a layout has one time and pose for an image, those are taken."""
+    """Return the middle of an image's exposure, seconds: where a layout has one time and pose for an image, those are
+    taken."""
     start, end = camera.model.shutter.exposure_s(camera.time_s[frame])
     return (start + end) / 2
 
 
 def fixed_mount(name: str, track: Trajectory, ego: Trajectory, times_s: FloatArray) -> tuple[FloatArray, str]:
-    """Return the pose (4, 4) of a sensor on the vehicle, the mean over some times, and a sentence where it is not always that.
+    """Return the pose (4, 4) of a sensor on the vehicle, the mean over some times, and a sentence where it is not
+    always that.
 
     Raises `OutputError` for a sensor that does not ride on the vehicle.
     """
@@ -217,7 +222,8 @@ def moved(off_m: float, off_rad: float) -> str:
 
 
 def camera_mounts(log: Log) -> dict[str, tuple[FloatArray | None, str]]:
-    """Return `fixed_mount` of each camera that has images, by name; None and why, where it does not ride on the vehicle."""
+    """Return `fixed_mount` of each camera that has images, by name; None and why, where it does not ride on the
+    vehicle."""
     mounts: dict[str, tuple[FloatArray | None, str]] = {}
     for name, camera in log.drive.cameras.items():
         frames = log.image_frames(name)
@@ -234,8 +240,8 @@ def camera_mounts(log: Log) -> dict[str, tuple[FloatArray | None, str]]:
 def named_by_heading(
     mounts: Mapping[str, FloatArray], headings_deg: Mapping[str, float], farthest_deg: float
 ) -> dict[str, str]:
-    """Return the name in a dataset of each camera that looks at most so far from where one of the dataset's does: each once,
-    that of the nearest. ``mounts`` are poses (4, 4) on the vehicle, by the cameras' own names."""
+    """Return the name in a dataset of each camera that looks at most so far from where one of the dataset's does: each
+    once, that of the nearest. ``mounts`` are poses (4, 4) on the vehicle, by the cameras' own names."""
     off = {}
     for name, mount in mounts.items():
         heading = np.degrees(np.arctan2(mount[1, 2], mount[0, 2]))

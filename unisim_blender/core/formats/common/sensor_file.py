@@ -1,8 +1,8 @@
 """`meta/unisim.json`: the data that PandaSet's layout has no place for, so that a log written by us reads back
 unchanged.
 
-It holds the frames, the world's and the clock's origin, the cameras' shutters and lenses, and the LiDARs' mounts and beam tables.
-A log of PandaSet's own has none, and PandaSet's tools pass over it.
+It holds the frames, the world's and the clock's origin, the cameras' shutters and lenses, and the LiDARs' mounts and
+beam tables. A log of PandaSet's own has none, and PandaSet's tools pass over it.
 """
 
 from __future__ import annotations

@@ -20,8 +20,9 @@ Tick = Callable[[], None]
 class WriterPart:
     """Files that are written together, of one capture or of one sensor's ``captures``.
 
-    ``files`` are paths below the folder, as posix. The part is complete when all are there, so ``write`` puts each under its name
-    at once (`files.write_file`), and its bytes depend on the log alone: a part that is there is never written again.
+    ``files`` are paths below the folder, as posix. The part is complete when all are there, so ``write`` puts each
+    under its name at once (`files.write_file`), and its bytes depend on the log alone: a part that is there is never
+    written again.
     """
 
     files: tuple[str, ...]
@@ -31,9 +32,9 @@ class WriterPart:
 
 @dataclass(frozen=True)
 class WritePlan:
-    """``losses``: a sentence for each thing of this log that the layout cannot say. ``finish`` writes, when all parts are there,
-    what makes them a log: poses, calibration, labels; from the drive and the parts' files alone. ``opens``: the folder or
-    file, below the whole, that `open_log` opens; "" is the whole."""
+    """``losses``: a sentence for each thing of this log that the layout cannot say. ``finish`` writes, when all parts
+    are there, what makes them a log: poses, calibration, labels; from the drive and the parts' files alone. ``opens``:
+    the folder or file, below the whole, that `open_log` opens; "" is the whole."""
 
     losses: tuple[str, ...]
     parts: Sequence[WriterPart]
@@ -53,8 +54,8 @@ class LogWriter(Protocol):
     continued."""
 
     def plan(self, log: Log, path: Path) -> WritePlan:
-        """Plan a log in the folder ``path``, which need not be there yet; nothing of images and sweeps is read before a part is
-        written. Raises `OutputError` for a drive that the layout has no place for."""
+        """Plan a log in the folder ``path``, which need not be there yet; nothing of images and sweeps is read before a
+        part is written. Raises `OutputError` for a drive that the layout has no place for."""
         ...
 
 

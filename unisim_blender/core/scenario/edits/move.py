@@ -43,7 +43,8 @@ class Move(Edit):
         check_path(self, place, needed=not shifted)
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """Return the drive with the actor on another path; it is there when it was, or later, unless the edit says when."""
+        """Return the drive with the actor on another path; it is there when it was, or later, unless the edit says
+        when."""
         actor = current(drive, self.actor, f"{place}.actor", context)
         if self.pose is None and self.trajectory is None:
             actor = shifted(actor, self.offset_m, self.later_s or 0.0)
@@ -65,8 +66,8 @@ def shifted(actor: Actor, offset_m: Vector3 | None, later_s: float) -> Actor:
 
 
 def moved(actor: Actor, trajectory: Trajectory, window_s: tuple[float, float], keyed: bool) -> Actor:
-    """Return an actor on another trajectory, present between two times. ``keyed``: it goes along several keys, and so it
-    counts as moving."""
+    """Return an actor on another trajectory, present between two times. ``keyed``: it goes along several keys, and so
+    it counts as moving."""
     # whether it moves must not depend on how much of its trajectory is known: simulations go on with it
     moving = keyed or is_moving(trajectory)
     start, end = window_s

@@ -102,8 +102,8 @@ def rotations_of(rotations: Sequence[Rotation]) -> FloatArray:
 
 
 def unit_quaternions(quaternions_wxyz: FloatArray) -> FloatArray:
-    """Normalise quaternions (N, 4), each independently of the others. One of unit length within `UNIT_LENGTH_TOLERANCE` is
-    returned as it is, so that a pose copied from a drive into a scenario keeps its bits."""
+    """Normalise quaternions (N, 4), each independently of the others. One of unit length within `UNIT_LENGTH_TOLERANCE`
+    is returned as it is, so that a pose copied from a drive into a scenario keeps its bits."""
     norms = np.sqrt((quaternions_wxyz * quaternions_wxyz).sum(-1, keepdims=True))
     return np.where(np.abs(norms - 1) > UNIT_LENGTH_TOLERANCE, quaternions_wxyz / norms, quaternions_wxyz)
 

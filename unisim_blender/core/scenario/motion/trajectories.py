@@ -55,8 +55,9 @@ def _halved(
     values_at: Callable[[FloatArray, Indices], FloatArray],
     mismatch: Callable[[FloatArray, FloatArray, FloatArray], BoolArray],
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Return for each of several curves its times with midpoints added until ``mismatch`` is nowhere true, of the values at
-    intervals' starts, middles and ends; and the values at these times. ``values_at`` gets times and the curves' numbers."""
+    """Return for each of several curves its times with midpoints added until ``mismatch`` is nowhere true, of the
+    values at intervals' starts, middles and ends; and the values at these times. ``values_at`` gets times and the
+    curves' numbers."""
     counts = [len(curve_times) for curve_times in times]
     which, every = np.repeat(np.arange(len(counts)), counts), np.concatenate(times)
     begins = np.flatnonzero(which[1:] == which[:-1])
@@ -166,7 +167,8 @@ class Stacked:
         )
 
     def at(self, time_s: FloatArray, which: Indices) -> FloatArray:
-        """Return poses (N, 4, 4) at times (N,) of trajectories of these numbers (N,): those of `Trajectory.at`, to the bit."""
+        """Return poses (N, 4, 4) at times (N,) of trajectories of these numbers (N,): those of `Trajectory.at`, to the
+        bit."""
         lower, last = np.zeros(len(which), np.int64), np.array([len(keys) - 1 for keys in self._times])
         for number, times in enumerate(self._times):
             own = which == number

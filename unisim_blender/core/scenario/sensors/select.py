@@ -91,8 +91,9 @@ def _shutter(shutter: Shutter | None, old: RollingShutter) -> RollingShutter:
 
 
 def camera_members(model: CameraModel, old: CameraModel | None = None) -> dict[str, Any]:
-    """Return a camera model as members of a `CameraSpec` that changes an ``old`` one, or is new: `_changed_camera_model` and
-    `new_camera_model` make it of them again. Shutter and lens go without saying where they are the old one's, or a new one's."""
+    """Return a camera model as members of a `CameraSpec` that changes an ``old`` one, or is new:
+    `_changed_camera_model` and `new_camera_model` make it of them again. Shutter and lens go without saying where they
+    are the old one's, or a new one's."""
     before = CameraModel(1, 1, 1, 1, 0, 0) if old is None else old
     shutter, axis = model.shutter, None if model.shutter.axis == before.shutter.axis else model.shutter.axis
     return {
@@ -233,7 +234,8 @@ def lidar_model(old: LidarModel | None, spec: LidarSpec, place: str) -> LidarMod
 
 
 def lidar_members(model: LidarModel) -> dict[str, Any]:
-    """Return a beam table as members of a `LidarSpec`, of which `lidar_model` makes it again, to rounding of its angles."""
+    """Return a beam table as members of a `LidarSpec`, of which `lidar_model` makes it again, to rounding of its
+    angles."""
 
     def listed_in(unit: Callable[[FloatArray], FloatArray], table: FloatArray | None) -> tuple[float, ...] | None:
         return None if table is None else tuple(unit(table).tolist())

@@ -1,9 +1,9 @@
 """A trained scene as the kernels read it: its tables stay memory-mapped, in half precision.
 
-Its cells (native/cells.h) are those that can stop a ray: the trained distance is evaluated once, and the cells are kept.
-A finished training stores them with the scene's weights. For a scene without them, or with those of other kernels, they
-are computed when it is first opened and kept in the user's cache folder, under a digest of everything they depend on:
-the scene and the library to the bit, and the instruction set.
+Its cells (native/cells.h) are those that can stop a ray: the trained distance is evaluated once, and the cells are
+kept. A finished training stores them with the scene's weights. For a scene without them, or with those of other
+kernels, they are computed when it is first opened and kept in the user's cache folder, under a digest of everything
+they depend on: the scene and the library to the bit, and the instruction set.
 """
 
 from __future__ import annotations
@@ -147,8 +147,8 @@ class CompiledScene:
     """
 
     def __init__(self, path: str | Path, header: SceneHeader | None = None, new: Weights | None = None) -> None:
-        """Load the scene in folder ``path``. ``header`` is its header, where it is read already; ``new`` are its weights, where
-        both are yet to be written."""
+        """Load the scene in folder ``path``. ``header`` is its header, where it is read already; ``new`` are its
+        weights, where both are yet to be written."""
         library = native.library()
         if library is None:
             raise UnisimError(

@@ -118,7 +118,8 @@ class TorchBackend:
         return TorchTracer(self, state)
 
     def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
-        """See `tracer.Backend`: never, since last bits of torch's products depend on how many rays are traced at once."""
+        """See `tracer.Backend`: never, since last bits of torch's products depend on how many rays are traced at
+        once."""
         return False
 
     def overhang_m(self, actor: Actor) -> float:
