@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import imported, select
+from helpers import SAMPLE, imported, select
 
 from unisim_blender import features
 from unisim_blender.bridge.objects.imported import imported_objects, is_copy, source_of
@@ -53,6 +53,15 @@ def test_a_renamed_actor_is_no_copy_and_keeps_its_recorded_outline(street: Any) 
     bpy.ops.object.duplicate()
     copies = [is_copy(street, o) for o in imported_objects(street, "ACTOR") if o.unisim.uid == one.unisim.uid]
     assert sorted(copies) == [False, True]
+
+
+def test_an_appearance_of_another_scene_leaves_an_actor_a_recorded_one(street: Any) -> None:
+    drive = source_of(street).drive
+    one = next(o for o in imported_objects(street, "ACTOR") if o.parent is None)
+    one.unisim.look, one.unisim.look_scene = "car-13", str(SAMPLE / "scene")
+    assert card_of(street, one, drive).role == "recorded, other appearance"
+    assert bpy.ops.unisim.insert_actor(filepath=one.unisim.look_scene, actor=one.unisim.uid) == {"FINISHED"}
+    assert card_of(street, bpy.context.active_object, drive).role == "inserted"
 
 
 def test_an_added_sensor_is_no_copy(street: Any) -> None:

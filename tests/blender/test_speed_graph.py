@@ -185,6 +185,14 @@ def test_the_line_and_the_values_are_those_of_the_frame(street: Any) -> None:
     assert any(over for _, over in values(found, at))
 
 
+def test_an_inserted_actor_has_no_recorded_motion(street: Any) -> None:
+    """Though one of the drive has its appearance, and its id."""
+    uid = driving_car(street).unisim.uid
+    assert bpy.ops.unisim.insert_actor(actor=uid) == {"FINISHED"}
+    found = graph()
+    assert found.recorded is None and found.is_edited
+
+
 def test_absence_is_said(street: Any) -> None:
     one = driving_car(street)
     bpy.ops.unisim.shift_actor(left_m=0.0, ahead_m=0.0, later_s=1.0)

@@ -67,6 +67,21 @@ def quaternion_from_yaw(yaw_rad: FloatArray | float) -> FloatArray:
     return np.stack([np.cos(half), zero, zero, np.sin(half)], -1)
 
 
+def quaternion_product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return Hamilton products (..., 4) of quaternions (..., 4): the rotation b, then a."""
+    aw, ax, ay, az = np.moveaxis(a, -1, 0)
+    bw, bx, by, bz = np.moveaxis(b, -1, 0)
+    return np.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ],
+        -1,
+    )
+
+
 def rotation_from_angles(yaw_rad: FloatArray, pitch_rad: FloatArray, roll_rad: FloatArray) -> FloatArray:
     """Return rotations (..., 3, 3) of angles (...), radians: yaw about z, then pitch about y (nose down is positive), then roll
     about x (left side up is positive)."""
@@ -209,7 +224,7 @@ class Trajectory:
 
     @staticmethod
     def from_poses(times_s: FloatArray, poses: FloatArray) -> Trajectory:
-        """A trajectory of poses (T, 4, 4) at times (T,)."""
+        """Return a trajectory of poses (T, 4, 4) at times (T,)."""
         poses = np.asarray(poses, np.float64)
         return Trajectory(np.asarray(times_s, np.float64), poses[:, :3, 3], quaternion_from_matrix(poses[:, :3, :3]))
 
@@ -280,7 +295,7 @@ class Trajectory:
         return len(self.times_s).to_bytes(4, "little") + b"".join(array.tobytes() for array in arrays)
 
     def transformed(self, left: FloatArray | None = None, right: FloatArray | None = None) -> Trajectory:
-        """The trajectory ``left @ pose @ right`` with constant poses (4, 4), or one for each key (T, 4, 4)."""
+        """Return the trajectory ``left @ pose @ right`` with constant poses (4, 4), or one for each key (T, 4, 4)."""
         poses = self.poses
         if left is not None:
             poses = left @ poses
@@ -317,7 +332,7 @@ def split_trajectories(
 
 
 def box_corners(pose: FloatArray, size_m: FloatArray) -> FloatArray:
-    """The 8 corners (8, 3) of a box with its centre at ``pose`` (4, 4) and edges ``size_m`` (3,)."""
+    """Return the 8 corners (8, 3) of a box with its centre at ``pose`` (4, 4) and edges ``size_m`` (3,)."""
     return transform_points(pose, UNIT_BOX_CORNERS * np.asarray(size_m))
 
 
@@ -350,3 +365,10 @@ def intersect_boxes(
     inverse = 1.0 / np.where(np.abs(d) < 1e-300, np.copysign(1e-300, d), d)
     a, b = (-half - o) * inverse, (half - o) * inverse
     return np.minimum(a, b).max(-1), np.maximum(a, b).min(-1)
+
+
+def spread_indices(length: int, count: int) -> NDArray[np.int64]:
+    """Return up to ``count`` indices (K,) of ``length`` items, ascending and evenly spread, from the first to the last."""
+    if length <= count:
+        return np.arange(length)
+    return np.unique(np.linspace(0, length - 1, count).round().astype(np.int64))

@@ -18,9 +18,15 @@ from turning_drive import turning_drive
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.evaluation.tracklets import offset_errors, taken_back
 from unisim_blender.core.formats.readers import open_log
-from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, matrix_from_quaternion, quaternion_from_yaw
+from unisim_blender.core.geometry import (
+    FloatArray,
+    Trajectory,
+    make_pose,
+    matrix_from_quaternion,
+    quaternion_from_yaw,
+    quaternion_product,
+)
 from unisim_blender.core.ops.ray_segments import RayBatch
-from unisim_blender.core.scenario.motion.trajectories import quaternion_product
 from unisim_blender.core.sensors.camera import along_axis, camera_rays, distinct, pixel_grid
 from unisim_blender.core.training.batches.sweeps import ray_batch
 from unisim_blender.core.training.config import TrainConfig

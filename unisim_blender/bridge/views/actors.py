@@ -119,5 +119,6 @@ def size_of_card(obj: bpy.types.Object) -> str:
 def role_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> str:
     """Return what an actor is in one or two words."""
     about = obj.unisim
-    is_recorded = about.uid in drive.actors and not about.look_scene
-    return role_words(about.mesh, is_recorded, is_recorded and is_copy(scene, obj), bool(about.look))
+    copied = is_copy(scene, obj)
+    is_recorded = about.uid in drive.actors and not (copied and about.look)  # as `InsertReader` has it
+    return role_words(about.mesh, is_recorded, copied, bool(about.look))

@@ -97,6 +97,8 @@ def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock) -> ObjectTrack:
     if poses is None:
         poses = np.tile(rigid(np.array(obj.matrix_world, float)), (len(clock.frames), 1, 1))
     kind, uid = obj.unisim.kind, obj.unisim.uid
+    if obj.unisim.look and obj.users_scene and is_copy(obj.users_scene[0], obj):
+        uid = ""  # an inserted actor was recorded nowhere
     label = class_of(obj, drive)
     return ObjectTrack(obj.name, kind, uid, label, poses, shown_by_keys(obj, clock.frames))
 

@@ -108,7 +108,7 @@ def best_views(
 
 
 def _spread(views: list[ActorView], most: int) -> list[ActorView]:
-    """The first views that are no neighbours of each other: the next frame shows the same again."""
+    """Return the first views that are not neighbours: adjacent frames show the same."""
     chosen: list[ActorView] = []
     for view in views:
         if len(chosen) < most and all(
@@ -153,7 +153,7 @@ def _area(rectangles: FloatArray) -> FloatArray:
 
 
 def _views(actor: Actor, number: int, seen: list[_Seen], outlines: Outlines) -> list[ActorView]:
-    """The views of one actor, best first."""
+    """Return the views of one actor, best first."""
     ranked = []
     for at, in_camera in enumerate(seen):
         for i in np.flatnonzero(in_camera.there[number]):

@@ -151,8 +151,8 @@ def make_images(log: Log) -> Iterator[ActorImage]:
 
 
 def _outlines(log: Log) -> dict[str, tuple[Outline, int]]:
-    """The recording vehicle's outline in each camera's images, where it is in them; they are read at a
-    quarter of their size."""
+    """Return the recording vehicle's outline in each camera's images, where it is in them; they are read at a quarter
+    of their size."""
     outlines = {}
     for name in log.drive.cameras:
         moved = moved_frames(log.drive, log.image_frames(name))

@@ -212,7 +212,8 @@ def _darker(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def _pixels(
     image: NDArray[np.uint8], model: CameraModel, points: FloatArray, view: ActorView, own: bool = False
 ) -> NDArray[np.uint8]:
-    """The pixels at points (N, 3) of the world that nothing covers, and with ``own`` none in the actor's rectangle."""
+    """Return the pixels at points (N, 3) of the world that nothing covers, and with ``own`` none in the actor's
+    rectangle."""
     points = transform_points(invert_pose(view.camera_pose), points)
     points = points[points[:, 2] > 0.3]
     u, v, _ = model.project(points)

@@ -12,7 +12,15 @@ from typing import Any
 import numpy as np
 
 from ..errors import LogError, SceneError
-from ..geometry import FloatArray, Trajectory, invert_pose, nearest_rotation, rotate_vectors, transform_points
+from ..geometry import (
+    FloatArray,
+    Trajectory,
+    invert_pose,
+    nearest_rotation,
+    rotate_vectors,
+    spread_indices,
+    transform_points,
+)
 from ..json_file import Node
 from ..world.drive import Camera, Drive, Lidar
 from .log import Log, Sweep, SweepGrid
@@ -120,9 +128,7 @@ class Fingerprint:
 def fingerprint_of(log: Log, camera: str, lidar: str) -> Fingerprint:
     """Read the fingerprint of a log from some of its frames, by one camera and one LiDAR; "" for none. Raises `LogError`."""
     drive = log.drive
-    chosen = [
-        drive.frames[i] for i in np.unique(np.linspace(0, len(drive.frames) - 1, MOST_FRAMES).round().astype(int))
-    ]
+    chosen = [drive.frames[i] for i in spread_indices(len(drive.frames), MOST_FRAMES)]
     span = _span(drive, drive.cameras[camera]) if camera else (0.0, 0.0, 0.0, 0.0)
     return Fingerprint(
         camera,
@@ -338,7 +344,7 @@ class AlignedLog:
         return getattr(self._log, name)
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
-        """The recorded returns."""
+        """Return the recorded returns."""
         sweep = self._log.sweep(lidar, frame)
         drops = sweep.drops
         if drops is not None:

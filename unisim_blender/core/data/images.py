@@ -72,7 +72,7 @@ def read_image(
 
 
 def _as_srgb(image: Image.Image, header: ImageHeader, notes: Notes, camera: str, where: str) -> Image.Image:
-    """An image of any kind as one of 8 bits a channel in sRGB. Raises `LogError`."""
+    """Return an image of any kind as one of 8 bits a channel in sRGB. Raises `LogError`."""
     if image.mode.startswith("I;16") or (image.mode == "I" and image.format == "PNG"):
         values = np.asarray(image).astype(np.uint32)
         return Image.fromarray(((values + FULL_SCALE // 2) // FULL_SCALE).astype(np.uint8))
@@ -109,7 +109,7 @@ def _as_srgb(image: Image.Image, header: ImageHeader, notes: Notes, camera: str,
 
 
 def _from_profile(image: Image.Image, profile: bytes, notes: Notes, camera: str, where: str) -> Image.Image:
-    """An image whose colours are those of an ICC profile, in sRGB."""
+    """Return an image whose colours are those of an ICC profile, in sRGB."""
     name, transform = _transform(profile, image.mode)
     if transform is None:
         if not name:
@@ -123,7 +123,8 @@ def _from_profile(image: Image.Image, profile: bytes, notes: Notes, camera: str,
 
 @lru_cache(maxsize=8)
 def _transform(profile: bytes, mode: str) -> tuple[str, ImageCms.ImageCmsTransform | None]:
-    """The name of an ICC profile, and what takes its colours to sRGB, none where they are; no name where it is none."""
+    """Return the name of an ICC profile, and what takes its colours to sRGB, none where they are; no name where it is
+    none."""
     try:
         given = ImageCms.ImageCmsProfile(io.BytesIO(profile))
         name = ImageCms.getProfileDescription(given).strip()

@@ -123,19 +123,19 @@ class Log(Protocol):
         ...
 
     def image_path(self, camera: str, frame: int) -> Path | None:
-        """The file of the recorded image; None where there is none."""
+        """Return the file of the recorded image; None where there is none."""
         ...
 
     def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
-        """The recorded image (H, W, 3), sRGB."""
+        """Return the recorded image (H, W, 3), sRGB."""
         ...
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
-        """The recorded returns."""
+        """Return the recorded returns."""
         ...
 
     def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
-        """The recorded sweep as beams x columns, with drops."""
+        """Return the recorded sweep as beams x columns, with drops."""
         ...
 
 

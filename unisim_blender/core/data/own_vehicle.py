@@ -149,7 +149,8 @@ def _filtered(values: NDArray[np.float64], weights: NDArray[np.float64], axis: i
 
 
 def _smaller_grey(image: NDArray[np.uint8], step: int) -> NDArray[np.float64]:
-    """An image's (H, W, 3) grey: every ``step``-th row and column of what `_filtered` gives for means over so many of each.
+    """Return an image's (H, W, 3) grey: every ``step``-th row and column of `_filtered` means over ``step`` rows and
+    columns.
 
     Sums of whole numbers are exact in any order, so rows are added up as they lie in memory, and are few from there on.
     """
@@ -166,7 +167,7 @@ def _sums_of(values: NDArray[Any], count: int, axis: int) -> NDArray[np.uint32]:
 
 
 def _mirrored(values: NDArray[Any], count: int, axis: int) -> NDArray[Any]:
-    """Values with as many more at both ends of an axis as make ``count`` neighbours of each."""
+    """Return values with as many more at both ends of an axis as make ``count`` neighbours of each."""
     before = count // 2
     ends = [(0, 0)] * values.ndim
     ends[axis] = (before, count - 1 - before)
@@ -174,7 +175,8 @@ def _mirrored(values: NDArray[Any], count: int, axis: int) -> NDArray[Any]:
 
 
 def _seam(cost: NDArray[np.float64]) -> NDArray[np.int64]:
-    """The row (W,) of the cheapest way through a cost map (H, W) from its left to its right, by dynamic programming."""
+    """Return the row (W,) of the cheapest way through a cost map (H, W) from its left to its right, by dynamic
+    programming."""
     height, width = cost.shape
     best = cost[:, 0]
     came = np.zeros((width, height), np.int64)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError
-from ..geometry import FloatArray, Trajectory, invert_pose
+from ..geometry import FloatArray, Trajectory, invert_pose, spread_indices
 from ..world.drive import Actor, Camera, Drive, Lidar
 from .classes import motion_of
 from .image_files import Notes, image_header
@@ -201,7 +201,7 @@ def doubts(log: Log, cameras: Collection[str] | None = None, lidars: Collection[
 
 def _times(drive: Drive) -> FloatArray:
     times = np.array([drive.time_s[frame] for frame in drive.frames])
-    return times[np.unique(np.linspace(0, len(times) - 1, SAMPLED_STEPS).round().astype(int))]
+    return times[spread_indices(len(times), SAMPLED_STEPS)]
 
 
 def _moves(track: Trajectory, times: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -229,13 +229,13 @@ def _ego_doubts(path: Path, drive: Drive) -> Iterator[str]:
 def _angle(
     limits: Range, where: object, track: Trajectory, drive: Drive, axis: FloatArray, either: bool = False
 ) -> Iterator[str]:
-    """A doubt about the angle between an axis of a sensor, or ``either`` of its ends, and the world's z."""
+    """Yield a doubt about the angle between an axis of a sensor, or ``either`` of its ends, and the world's z."""
     up = float(np.median(track.at(_times(drive))[:, 2, :3] @ axis))
     yield from limits.doubt(where, float(np.degrees(np.arccos(np.clip(abs(up) if either else up, -1, 1)))))
 
 
 def _mount_doubts(where: str, sensor: Camera | Lidar, track: Trajectory, drive: Drive) -> Iterator[str]:
-    """A doubt about a sensor that rides on the vehicle: one that stands beside the road does not."""
+    """Yield doubts about a sensor that rides on the vehicle; one beside the road has none."""
     times = _times(drive)[[0, -1]]
     poses = invert_pose(drive.world_from_ego.at(times)) @ track.at(times)
     if not sensor.sees_ego_body and np.linalg.norm(poses[0, :3, 3] - poses[1, :3, 3]) < 1.0:

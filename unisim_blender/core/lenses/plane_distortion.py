@@ -47,7 +47,7 @@ class PlaneDistortion:
         cosine, sine = np.cos(heading), np.sin(heading)
 
         def least(radius: FloatArray) -> FloatArray:
-            """The smallest eigenvalue on circles (N,) of the Jacobian's symmetric part."""
+            """Return the smallest eigenvalue on circles (N,) of the Jacobian's symmetric part."""
             a, b, c, d = self._jacobian(radius[:, None] * cosine, radius[:, None] * sine)
             return np.asarray(((a + d) / 2 - np.hypot((a - d) / 2, (b + c) / 2)).min(1))
 
@@ -168,7 +168,7 @@ class PlaneDistortion:
         return np.asarray(above / (1 + r2 * (k4 + r2 * (k5 + r2 * k6))) if k4 or k5 or k6 else above)
 
     def _factor_slope(self, r2: FloatArray) -> FloatArray:
-        """The factor's derivative by r2."""
+        """Return the factor's derivative by r2."""
         k1, k2, k3, k4, k5, k6 = self.k
         above, rise = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), k1 + r2 * (2 * k2 + r2 * 3 * k3)
         if not (k4 or k5 or k6):

@@ -113,7 +113,7 @@ class _Reader:
 
     # ---- bytes and numbers
     def _uri(self, uri: str, what: str) -> bytes:
-        """The content that a URI names: of itself, or of a file beside the document."""
+        """Return the content that a URI names: of itself, or of a file beside the document."""
         if uri.startswith("data:"):
             head, _, data = uri.partition(",")
             return base64.b64decode(unquote(data)) if head.endswith(";base64") else unquote_to_bytes(data)
@@ -142,7 +142,7 @@ class _Reader:
         return self.buffers[index]
 
     def view(self, index: Any) -> tuple[bytes, int]:
-        """The bytes of a buffer view, and its stride, 0 for none."""
+        """Return the bytes of a buffer view, and its stride, 0 for none."""
         view = self.item("bufferViews", index)
         begin, length, data = view.get("byteOffset", 0), view["byteLength"], self.buffer(view["buffer"])
         if begin < 0 or length < 0 or begin + length > len(data):
@@ -160,7 +160,7 @@ class _Reader:
         return np.ndarray((count, width), dtype, data, begin, (stride, dtype.itemsize)).copy()
 
     def accessor(self, index: Any, always_normalized: bool = False) -> NDArray[Any]:
-        """Values (count, width) of an accessor: integers as they are, normalised ones as float64."""
+        """Return values (count, width) of an accessor: integers as they are, normalised ones as float64."""
         accessor, place = self.item("accessors", index), f"accessors[{index}]"
         if accessor.get("componentType") not in TYPES or accessor.get("type") not in WIDTHS:
             kind = f"{accessor.get('componentType')} {accessor.get('type')}"
@@ -296,14 +296,14 @@ class _Reader:
         return MeshPart(vertices, faces, colours[faces], corner_normals, None if uv is None else uv[faces], texture)
 
     def _attribute(self, name: str, attributes: dict[str, Any], n: int, place: str) -> NDArray[Any]:
-        """Values (n, width) of an attribute other than POSITION."""
+        """Return values (n, width) of an attribute other than POSITION."""
         values = self.accessor(attributes[name], name.startswith(("COLOR", "WEIGHTS")))
         if len(values) != n:
             raise self.fail(f"{place}.attributes.{name} has {len(values)} values for {n} vertices")
         return values
 
     def _morphed(self, name: str, primitive: dict[str, Any], mesh: dict[str, Any], node: dict[str, Any]) -> FloatArray:
-        """Values (V, 3) of an attribute, with the morph targets at their weights at rest."""
+        """Return values (V, 3) of an attribute, with the morph targets at their weights at rest."""
         values = self.accessor(primitive["attributes"][name]).astype(np.float64)
         if values.shape[1] != 3:
             raise self.fail(f"{name} has {values.shape[1]} components, not 3")
@@ -387,7 +387,7 @@ class _Reader:
         return colours, np.stack([uv[:, 0], 1 - uv[:, 1]], -1), texture
 
     def _material(self, index: Any) -> tuple[FloatArray, dict[str, Any] | None]:
-        """The linear base colour (3,) of a material, and where its texture is; white for what states none."""
+        """Return the linear base colour (3,) of a material, and where its texture is; white for what states none."""
         if index is None:
             return np.ones(3), None
         material = self.item("materials", index)
@@ -406,7 +406,7 @@ class _Reader:
         return factor[:3], base.get(keys[1])
 
     def _texture(self, index: Any) -> tuple[NDArray[np.uint8] | None, dict[str, Any]]:
-        """The pixels of a texture, None where only an extension has them, and its sampler."""
+        """Return the pixels of a texture, None where only an extension has them, and its sampler."""
         texture = self.item("textures", index)
         sampler = self.item("samplers", texture["sampler"]) if "sampler" in texture else {}
         webp = texture.get("extensions", {}).get("EXT_texture_webp", {})

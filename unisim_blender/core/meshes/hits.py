@@ -72,14 +72,14 @@ def reflectivity(colours: FloatArray, cosine: FloatArray) -> FloatArray:
 
 
 def _at(values: NDArray[np.float32], hits: FirstHits) -> NDArray[np.float32]:
-    """Values (F, 3, C) of faces' corners between them: (N, C)."""
+    """Return values (F, 3, C) of faces' corners between them: (N, C)."""
     u, v = hits.uv[:, :1], hits.uv[:, 1:]
     a, b, c = (values[hits.face, k] for k in range(3))
     return np.asarray(a * (1 - u - v) + b * u + c * v)
 
 
 def _bilinear(image: NDArray[np.uint8], uv: NDArray[np.float32]) -> FloatArray:
-    """A texture's linear colours (N, 3) at uv (N, 2), repeated beyond its edges."""
+    """Return a texture's linear colours (N, 3) at uv (N, 2), repeated beyond its edges."""
     height, width = image.shape[:2]
     x, y = uv[:, 0] * width - 0.5, (1 - uv[:, 1]) * height - 0.5
     column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)

@@ -95,7 +95,7 @@ def _flat(vertices: FloatArray, faces: NDArray[Any]) -> NDArray[Any]:
 
 
 def _whole(normals: NDArray[Any], vertices: FloatArray, faces: NDArray[Any]) -> NDArray[Any]:
-    """A file's normals (F, 3, 3) at unit length; the face's own where they have none."""
+    """Return a file's normals (F, 3, 3) at unit length; the face's own where they have none."""
     with np.errstate(all="ignore"):
         length = np.linalg.norm(normals, axis=-1, keepdims=True)
         good = np.isfinite(length) & (length > 1e-9)

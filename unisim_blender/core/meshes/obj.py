@@ -84,7 +84,7 @@ def _of_material(
     normals: FloatArray,
     notes: list[str],
 ) -> list[MeshPart]:
-    """The triangles of one material: those with a texture, and those that have no coordinates on it."""
+    """Return the triangles of one material: those with a texture, and those that have no coordinates on it."""
     triangles, _ = triangles_of(group[0], vertices, notes)
     v, vt, vn = (np.array([i for polygon in polygons for i in polygon])[triangles] for polygons in group)
     colour = material.colour
@@ -137,7 +137,7 @@ def _read_libraries(rest: str, names: list[str], materials: dict[str, _Material]
 
 
 def _materials(file: Path, path: Path, notes: list[str]) -> dict[str, _Material]:
-    """The materials of an MTL file by name."""
+    """Return the materials of an MTL file by name."""
     materials: dict[str, _Material] = {}
     material = _Material()
     for line in text_of(file).splitlines():
@@ -191,7 +191,8 @@ def _options(text: str, material: _Material, file: Path, notes: list[str]) -> st
 
 
 def _kd(colour: FloatArray, file: Path, notes: list[str]) -> FloatArray:
-    """A material's colour (3,) in 0..1. Whole numbers above 1 are of 0 to 255; what is outside is cut off, and said."""
+    """Return a material's colour (3,) in 0..1. Whole numbers above 1 are of 0 to 255; values outside are clipped, and
+    noted."""
     if not ((colour >= 0) & (colour <= 1)).all():
         scale = 255.0 if colour.max() > 1 and (colour == np.round(colour)).all() else 1.0
         read = "taken as 0 to 255" if scale > 1 else "cut off"

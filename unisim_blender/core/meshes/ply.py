@@ -153,7 +153,7 @@ def _ply_coordinates(
 
 
 def _ply_elements(content: bytes, path: Path) -> tuple[dict[str, _Element], list[str]]:
-    """The elements of a PLY file by name, and the textures that its comments name."""
+    """Return the elements of a PLY file by name, and the textures that its comments name."""
     head = re.match(rb"ply\s.*?\bend_header[ \t]*\r?\n?", content, re.DOTALL)
     if head is None:
         raise ScenarioError(f"{path}: cannot be read as a mesh: it has no PLY header")

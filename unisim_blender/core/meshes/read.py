@@ -100,7 +100,7 @@ def _from_trimesh(path: Path, notes: list[str]) -> list[MeshPart]:
 
 
 def _part(mesh: Any) -> MeshPart:
-    """One of trimesh's meshes. Materials that it makes up for a file that states none are none."""
+    """Return one of trimesh's meshes. Materials that trimesh adds to a file without any are left out."""
     faces, visual = np.asarray(mesh.faces), mesh.visual
     colours: Any = np.full((len(faces), 3, 3), GREY)
     uv = texture = None
@@ -122,7 +122,7 @@ def _part(mesh: Any) -> MeshPart:
 
 
 def _is_stand_in(image: Any) -> bool:
-    """Whether an image is the one that trimesh gives to texture coordinates without a material."""
+    """Return whether an image is the one that trimesh gives to texture coordinates without a material."""
     from trimesh.visual.material import empty_material
 
     own = empty_material().image

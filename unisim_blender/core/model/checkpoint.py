@@ -122,7 +122,7 @@ def load_scene(path: str | Path, device: str = "cpu", header: SceneHeader | None
 
 
 def _tensor(array: NDArray[Any], dtype: torch.dtype) -> Tensor:
-    """A tensor of a mapped array: one copy, which converts."""
+    """Return a tensor of a mapped array: one copy, which converts."""
     open_array = array.view()
     open_array.flags.writeable = True  # torch warns of arrays that cannot be written, though this one is only read
     return torch.from_numpy(open_array).to(dtype, copy=True)

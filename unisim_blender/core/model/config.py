@@ -48,7 +48,7 @@ class ModelConfig:
     features: int = 31
     """Length of the geometry feature that an interval carries."""
     head: Literal["ray", "sample"] = "ray"
-    """Where the view direction enters: once a ray, behind compositing, or at every sample as in the paper."""
+    """Place of the view direction's input: once a ray, after compositing, or at every sample as in the paper."""
     colour: Literal["decoded", "sample"] = "decoded"
     """Composited quantity: features, which a decoder makes pixels of, or every sample's own colour, as in a NeRF."""
     density: Literal["logistic", "unisim", "volume"] = "logistic"
@@ -79,7 +79,8 @@ class ModelConfig:
 
     @staticmethod
     def from_dict(values: dict[str, Any]) -> ModelConfig:
-        """The inverse of `to_dict`, of former names too; SceneError names what does not fit."""
+        """Return the configuration of `to_dict`, also with former names. Raises `SceneError`, which names the value at
+        fault."""
         try:
             values = _renamed(values)
             nested = {

@@ -59,7 +59,7 @@ class NoDecoder(nn.Module):
 
 
 def convolution(shape: Convolution) -> nn.Conv2d:
-    """A convolution that keeps the image's size, edges replicated."""
+    """Return a convolution that keeps the image's size, edges replicated."""
     return nn.Conv2d(*shape, padding=shape.kernel // 2, padding_mode="replicate")
 
 
@@ -95,7 +95,7 @@ class CameraDecoder(nn.Module):
         return torch.sigmoid(F.pixel_shuffle(out, self.upsample))
 
     def _apart(self, features: Tensor) -> Tensor:
-        """Where each cell is decoded by itself, as products of matrices: convolutions of many small images are slow."""
+        """Decode cells of one pixel each by products of matrices: convolutions of many small images are slow."""
 
         def product(conv: nn.Module, x: Tensor) -> Tensor:
             assert isinstance(conv, nn.Conv2d)

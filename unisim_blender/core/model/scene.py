@@ -107,7 +107,8 @@ class SceneModel(nn.Module):
         return lit
 
     def beta(self) -> Tensor:
-        """The density's sharpness, 1 / metres: one for all fields, for an actor's own would outrun its few samples."""
+        """Return the density's sharpness, 1 / metres: one for all fields, for an actor's own would outrun its few
+        samples."""
         return self.log_beta.exp().clamp_max(1e4)
 
 

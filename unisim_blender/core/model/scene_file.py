@@ -75,7 +75,7 @@ class SceneHeader:
 
 
 def header_path(path: Path) -> Path:
-    """The header's file, given the scene's folder or the file itself."""
+    """Return the header's file, given the scene's folder or the file itself."""
     path = Path(path)
     return path if path.suffix == ".json" else path / HEADER_NAME
 
@@ -120,7 +120,7 @@ def _header(file: Path, document: Node) -> SceneHeader:
 
 
 def _read_training(node: Node) -> dict[str, Any]:
-    """A trainer's dictionary, whose members that a renderer reads are what they should be where they are there."""
+    """Return a trainer's dictionary, with the members checked that a renderer reads."""
     there = node.object()
     for name in ("cameras", "lidars", "without"):
         for child in node.key(name).elements() if name in there else ():
@@ -189,7 +189,8 @@ class Weights:
     arrays: Mapping[str, NDArray[Any]]
 
     def array(self, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
-        """The array of that name. SceneError where it is missing, has another shape, or holds NaN or infinity."""
+        """Return the array of that name. Raises `SceneError` where it is missing, has another shape, or holds NaN or
+        infinity."""
         self.check_shapes({name: shape})
         array = self.arrays[name]
         check_finite(self.file, name, array)
@@ -206,8 +207,8 @@ class Weights:
                 )
 
     def voxels(self, name: str, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-        """A grid of bytes, of which the file holds the numbers and values of those that are not 0.
-        SceneError as `array`."""
+        """Return a grid of bytes, of which the file holds the numbers and values of those that are not 0. Raises
+        `SceneError` as `array`."""
         index, entries = self.arrays.get(f"{name}.index"), self.arrays.get(f"{name}.value")
         if index is None or entries is None:
             raise SceneError(f"{self.file}: {name} is missing")
@@ -275,7 +276,7 @@ def _tensor_header(file: Path, text: bytes) -> dict[str, Any]:
 
 
 def _array(file: Path, name: str, entry: Any, data: NDArray[np.uint8]) -> tuple[NDArray[Any], int]:
-    """An array and where in the data it begins."""
+    """Return an array and its offset in the data."""
     entry = entry if isinstance(entry, dict) else {}
     kind, shape, place = entry.get("dtype"), entry.get("shape"), entry.get("data_offsets")
     if not isinstance(kind, str) or kind not in DTYPES:

@@ -68,20 +68,20 @@ class Convolution(NamedTuple):
 
 
 def static_grid(config: ModelConfig, size_m: FloatArray) -> GridShape:
-    """The hash grid of the static field, in a volume of edges ``size_m`` (3,)."""
+    """Return the hash grid of the static field, in a volume of edges ``size_m`` (3,)."""
     g = config.static_grid
     extent = (float(size_m[0]), float(size_m[1]), float(size_m[2]))
     return GridShape.cubic(extent, g.coarsest, g.finest, g.levels, g.features, g.log2_table)
 
 
 def background_grid(config: ModelConfig) -> GridShape:
-    """The hash grid of the background model."""
+    """Return the hash grid of the background model."""
     g = config.background_grid
     return GridShape.unit(int(g.coarsest), int(g.finest), g.levels, g.features, g.log2_table)
 
 
 def actor_grid(config: ModelConfig) -> GridShape:
-    """The hash grid that each actor has a table of."""
+    """Return the hash grid that each actor has a table of."""
     g = config.actor_grid
     return GridShape.unit(int(g.coarsest), int(g.finest), g.levels, g.features, g.log2_table)
 
@@ -95,8 +95,7 @@ def actor_row(config: ModelConfig) -> TensorShape:
 
 
 def perceptrons(config: ModelConfig) -> dict[str, Perceptron]:
-    """The model's perceptrons by name. The hypernetwork is there in training alone, a scene's file
-    has what it makes."""
+    """Return the model's perceptrons by name. The hypernetwork is for training alone; a scene's file has its output."""
     f, hidden = config.features, config.hidden
     static, background, actor = config.static_grid, config.background_grid, config.actor_grid
     networks = {
@@ -122,7 +121,8 @@ def perceptrons(config: ModelConfig) -> dict[str, Perceptron]:
 
 
 def convolutions(config: ModelConfig) -> dict[str, Convolution]:
-    """The camera decoder's convolutions by name, first to last: two per residual block, and the one to pixels."""
+    """Return the camera decoder's convolutions by name, first to last: two per residual block, and the one to
+    pixels."""
     if config.colour != "decoded":
         return {}
     c, k = config.decoder_channels, config.decoder_kernel

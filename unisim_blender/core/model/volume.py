@@ -65,7 +65,7 @@ class Volume:
 
     @staticmethod
     def from_dict(values: dict[str, Any]) -> Volume:
-        """The inverse of `to_dict`; SceneError names what does not fit."""
+        """Return the volume of `to_dict`. Raises `SceneError`, which names the value at fault."""
         read = {}
         for name, shape in (("world_from_volume", (4, 4)), ("size_m", (3,))):
             try:
@@ -96,7 +96,8 @@ def winds(poses: FloatArray) -> bool:
 
 
 def _round(poses: FloatArray, behind_m: float, ahead_m: float, width_m: float, height_m: float) -> Volume:
-    """The upright box of least area round all places of a drive, ``width_m`` / 2 to their sides, and what is behind and ahead."""
+    """Return the upright box of least area round all places of a drive, ``width_m`` / 2 to their sides, and what is
+    behind and ahead."""
     sides = np.array([-width_m / 2, width_m / 2])
     along = np.concatenate([poses[:1] @ _shift(-behind_m), poses, poses[-1:] @ _shift(ahead_m)])
     corners = np.concatenate([along @ _shift(0.0, side) for side in sides])[:, :3, 3]

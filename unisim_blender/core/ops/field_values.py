@@ -19,7 +19,7 @@ class SignedDistances:
     metres: Tensor
 
     def view(self, shape: Sequence[int]) -> SignedDistances:
-        """The same in another shape."""
+        """Return the values in another shape."""
         return SignedDistances(self.metres.view(*shape))
 
     def rows(self, which: Tensor) -> SignedDistances:
@@ -31,7 +31,7 @@ class SignedDistances:
         return self.metres
 
     def where(self, solid: Tensor) -> SignedDistances:
-        """The same where ``solid`` (...) is true, and empty space elsewhere."""
+        """Return the values where ``solid`` (...) is true, and empty space elsewhere."""
         return SignedDistances(torch.where(solid, self.metres, EMPTY_M))
 
     def cleared(self, row: Tensor, column: Tensor, height_m: Tensor) -> SignedDistances:
@@ -51,7 +51,7 @@ class LogDensities:
     logs: Tensor
 
     def view(self, shape: Sequence[int]) -> LogDensities:
-        """The same in another shape."""
+        """Return the values in another shape."""
         return LogDensities(self.logs.view(*shape))
 
     def rows(self, which: Tensor) -> LogDensities:
@@ -63,7 +63,7 @@ class LogDensities:
         return -self.logs
 
     def where(self, solid: Tensor) -> LogDensities:
-        """The same where ``solid`` (...) is true, and empty space elsewhere."""
+        """Return the values where ``solid`` (...) is true, and empty space elsewhere."""
         return LogDensities(torch.where(solid, self.logs, EMPTY_LOG_DENSITY))
 
     def cleared(self, row: Tensor, column: Tensor, height_m: Tensor) -> LogDensities:

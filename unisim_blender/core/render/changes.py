@@ -1,4 +1,4 @@
-"""Which pixels of an image, or beams of a sweep, can differ between two frames of a sensor.
+"""Pixels of an image, or beams of a sweep, that can differ between two frames of a sensor.
 
 The answer is conservative: pixels and beams outside of it have the same bits, if both frames have the same rays and
 settings. Two frames at one time have the same rays. Frames at different times have them if the sensor stands and the

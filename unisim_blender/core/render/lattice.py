@@ -66,7 +66,7 @@ class Region(NamedTuple):
 
     @staticmethod
     def of_image(model: CameraModel) -> Region:
-        """The whole image."""
+        """Return the region of the whole image."""
         return Region(0, 0, model.width, model.height)
 
     def within_image(self, model: CameraModel) -> Region:
@@ -197,7 +197,7 @@ def fill(image: SparseImage, blocks: Blocks, size: int) -> None:
 
 
 def _planes(image: SparseImage) -> ctypes.Array[PlaneStruct] | None:
-    """An image's maps as the kernels read them; None where they cannot."""
+    """Return an image's maps as the kernels read them; None where they cannot."""
     if native.library() is None:
         return None
     planes = []

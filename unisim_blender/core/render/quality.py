@@ -37,7 +37,7 @@ QUALITIES = {
     ),
     "reference": Quality(samples=4.0, stride_m=0.0, opaque=1e-4, lattice=1),
 }
-"""By name, the cheapest first. ``reference`` takes the very samples that torch takes."""
+"""Qualities by name, the cheapest first. ``reference`` takes the same samples as torch."""
 
 ERROR_BOUND_QUALITIES = {
     "fast": QUALITIES["fast"],

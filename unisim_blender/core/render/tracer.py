@@ -96,7 +96,7 @@ def _actor_set(appearances: Sequence[str] | None, actors: list[Actor]) -> ActorS
 
 
 def _target(state: WorldState, copy: StaticCopy) -> Actor:
-    """A copy's box as an actor that stands still throughout."""
+    """Return a copy's box as an actor that stands still throughout."""
     trajectory = Trajectory.from_poses(np.zeros(1), copy.world_from_target[None])
     return Actor(
         copy.uid, "Static", copy.source.size_m, trajectory, state.start_s, state.end_s, False, Appearance(copy.uid)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UnisimError
-from ..geometry import FloatArray
+from ..geometry import FloatArray, spread_indices
 
 BOUND_PATTERN = re.compile(r"(?:p(\d+(?:\.\d+)?):)?(\d+(?:\.\d+)?)\s*(mm|dB|dE)", re.IGNORECASE)
 UNITS = {"mm": "mm", "db": "dB", "de": "dE"}
@@ -44,7 +44,7 @@ class ErrorBound:
         return float(f"{value:.4g}") if math.isfinite(value) else None
 
     def __str__(self) -> str:
-        """As `parse_bounds` reads it, to the bit of the limit."""
+        """Return the text that `parse_bounds` reads, with the limit to the bit."""
         limit = np.format_float_positional(self.limit, trim="-")
         return f"{'' if self.quantile == 0.5 else f'p{100 * self.quantile:.12g}:'}{limit}{self.unit}"
 
@@ -90,7 +90,7 @@ class ErrorBoundResult:
 def sample_frames(time_s: Collection[int]) -> list[int]:
     """Return the frames, of those that a camera has, by whose pixels its settings are chosen."""
     there = sorted(time_s)
-    return [there[i] for i in sorted({round(x) for x in np.linspace(0, len(there) - 1, MAX_SAMPLE_FRAMES)})]
+    return [there[i] for i in spread_indices(len(there), MAX_SAMPLE_FRAMES)]
 
 
 def parse_bounds(texts: Sequence[str]) -> tuple[ErrorBound, ...]:

@@ -35,12 +35,12 @@ class Rays:
     time_s: FloatArray
 
     def flat(self) -> Rays:
-        """The same rays as one list: (N, 3), (N, 3), (N,)."""
+        """Return the rays in one row: (N, 3), (N, 3), (N,)."""
         return Rays(self.origins.reshape(-1, 3), self.directions.reshape(-1, 3), self.time_s.reshape(-1))
 
     def sound(self) -> Rays:
-        """The same flat rays; those with a number that is not finite, or without a direction, start far above and go up
-        instead: they hit nothing but the sky."""
+        """Return flat rays (N,) with those that are not finite, or have no unit direction, replaced by rays that start
+        far above and go up: they hit only the sky."""
         aims, timed = _aims(self.directions), np.isfinite(self.time_s)
         # a number that is not finite makes the comparison fail
         if np.abs(self.origins).max(initial=0.0) < MAX_DISTANCE_M and aims.all() and timed.all():

@@ -18,9 +18,15 @@ import torch
 from torch import Tensor, nn
 
 from ..data.log import Log
-from ..geometry import FloatArray, Trajectory, matrix_from_quaternion, quaternion_from_matrix, quaternion_from_yaw
+from ..geometry import (
+    FloatArray,
+    Trajectory,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    quaternion_from_yaw,
+    quaternion_product,
+)
 from ..ops.ray_segments import RayBatch
-from ..scenario.motion.trajectories import quaternion_product
 from ..world.drive import Actor, Camera, Drive
 
 

@@ -15,7 +15,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import BoolArray, FloatArray, Quaternion, Trajectory, Vector3, quaternion_from_yaw, slerp
+from ..geometry import (
+    BoolArray,
+    FloatArray,
+    Quaternion,
+    Trajectory,
+    Vector3,
+    quaternion_from_yaw,
+    quaternion_product,
+    slerp,
+)
 from .polyline import Polyline, spaced
 
 MIN_KEY_DISTANCE_M = 0.2
@@ -179,7 +188,7 @@ class ActorPath:
         return ax + u * (bx - ax), ay + u * (by - ay)
 
     def places(self, s_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """As `place`, of arc lengths (K,): positions (K, 3) and quaternions (K, 4)."""
+        """Return `place` of arc lengths (K,): positions (K, 3) and quaternions (K, 4)."""
         lower = np.clip(np.searchsorted(self.s_m, s_m, side="right") - 1, 0, len(self.s_m) - 2)
         u = np.clip((s_m - self.s_m[lower]) / (self.s_m[lower + 1] - self.s_m[lower]), 0.0, 1.0)
         positions = self.positions[lower] + u[:, None] * (self.positions[lower + 1] - self.positions[lower])
@@ -291,7 +300,7 @@ def _leaves(
 
 
 def _slerp(a: Sequence[float], b: Sequence[float], u: float) -> Quaternion:
-    """As `geometry.slerp`, of single quaternions and without arrays."""
+    """Return `geometry.slerp` of single quaternions, without arrays."""
     (aw, ax, ay, az), (bw, bx, by, bz) = a, b
     dot = aw * bw + ax * bx + ay * by + az * bz
     sign = -1.0 if dot < 0 else 1.0
@@ -341,9 +350,9 @@ def joined(
     along = (ahead_0 * fade)[:, None] * np.stack([cosines, sines], -1)
     raised = offset[2] if keeps_height else offset[2] * fade
     new = positions + np.concatenate([side + along, np.broadcast_to(raised, len(at))[:, None]], -1)
-    turned = product(quaternion_from_yaw(gear * np.arctan(slope / length_m)), quaternions)
-    rest = product(np.array(quaternion_wxyz), turned[0] * [1, -1, -1, -1])
-    turned = product(
+    turned = quaternion_product(quaternion_from_yaw(gear * np.arctan(slope / length_m)), quaternions)
+    rest = quaternion_product(np.array(quaternion_wxyz), turned[0] * [1, -1, -1, -1])
+    turned = quaternion_product(
         slerp(np.broadcast_to([1.0, 0, 0, 0], turned.shape), np.broadcast_to(rest, turned.shape), fade), turned
     )
     new[0], turned[0] = position, quaternion_wxyz
@@ -368,16 +377,3 @@ def quintic(u: FloatArray, start: float, slope: float) -> tuple[FloatArray, Floa
     value = start * (1 - 10 * u3 + 15 * u4 - 6 * u5) + slope * (u - 6 * u3 + 8 * u4 - 3 * u5)
     derivative = start * (-30 * u2 + 60 * u3 - 30 * u4) + slope * (1 - 18 * u2 + 32 * u3 - 15 * u4)
     return value, derivative
-
-
-def product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the products (..., 4) of quaternions (..., 4)."""
-    aw, ax, ay, az = np.moveaxis(a, -1, 0)
-    bw, bx, by, bz = np.moveaxis(b, -1, 0)
-    product = [
-        aw * bw - ax * bx - ay * by - az * bz,
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-    ]
-    return np.stack(product, -1)

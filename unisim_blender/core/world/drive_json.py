@@ -265,12 +265,12 @@ def _actor_to_json(actor: Actor) -> dict[str, Any]:
 
 
 def _finite(time_s: float) -> float | None:
-    """A time; None where it is before or after all times."""
+    """Return a time; None where it is before or after all times."""
     return float(time_s) if math.isfinite(time_s) else None
 
 
 def _read_flag(node: Node, name: str) -> bool:
-    """A member that is left out where it is false."""
+    """Return a member that is left out where it is false."""
     return node.key(name).flag() if name in node.object() else False
 
 

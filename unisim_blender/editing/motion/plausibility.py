@@ -115,7 +115,8 @@ def _motion(obj: SampledObject, label: str, clock: Clock) -> Iterator[Finding]:
 def _limits(obj: SampledObject, drive: Drive, clock: Clock, limits: Limits) -> Iterator[Finding]:
     """Yield where it exceeds each limit of motion most."""
     label = _label(obj, drive)
-    motion = compared(ObjectTrack(obj.name, obj.kind, obj.uid, label, obj.poses, obj.there), drive, clock, limits)
+    uid = obj.uid if obj.is_original or not obj.appearance else ""  # an inserted actor was recorded nowhere
+    motion = compared(ObjectTrack(obj.name, obj.kind, uid, label, obj.poses, obj.there), drive, clock, limits)
     for name, where in motion.exceeded.items():
         if where.any():
             values = getattr(motion.now, name)

@@ -16,6 +16,7 @@ from ...data.log import Sweep, SweepGrid
 from ...data.sweep_cells import make_grid, never_returned
 from ...errors import LogError
 from ...files import cache_folder, file_stamp, write_file
+from ...geometry import spread_indices
 from ...world.drive import Drive
 
 PNG = b"\x89PNG"
@@ -62,7 +63,7 @@ class FileLog(ABC):
 
     @abstractmethod
     def sweep(self, lidar: str, frame: int) -> Sweep:
-        """The recorded returns."""
+        """Return the recorded returns."""
 
     @abstractmethod
     def _size_stated(self, camera: str) -> str:
@@ -77,11 +78,12 @@ class FileLog(ABC):
         return tuple(sorted(self._sweeps)) if lidar in self.drive.lidars else ()
 
     def image_path(self, camera: str, frame: int) -> Path | None:
-        """The file of the recorded image; None where there is none."""
+        """Return the file of the recorded image; None where there is none."""
         return self._images.get(camera, {}).get(frame)
 
     def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
-        """The recorded image (H, W, 3), sRGB; a grey camera's has three equal channels. Decoding needs Pillow."""
+        """Return the recorded image (H, W, 3), sRGB; a grey camera's has three equal channels. Decoding needs
+        Pillow."""
         from ...data.images import read_image
 
         content, where = self._image_content(camera, frame)
@@ -107,8 +109,8 @@ class FileLog(ABC):
         return self._sweeps[frame]
 
     def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
-        """The recorded sweep as beams x columns, with drops. Nothing is known of cells that never return, where the log gives no
-        drops."""
+        """Return the recorded sweep as beams x columns, with drops. Cells that never return are blocked, where the log
+        gives no drops."""
         sweep, sensor = self.sweep(lidar, frame), self.drive.lidars[lidar]
         if sensor.model.beams == 0:
             raise LogError(f"{self.path}: {lidar} does not scan beams x columns, ask for its plain sweep")
@@ -127,7 +129,7 @@ class FileLog(ABC):
 def spread_over(frames: Collection[int], count: int = SAMPLED_SWEEPS) -> list[int]:
     """Return up to ``count`` of some frames, spread over them, in their order: the first and the last are among them."""
     every = sorted(frames)
-    return sorted({every[at] for at in np.linspace(0, len(every) - 1, count).round().astype(int)})
+    return [every[at] for at in spread_indices(len(every), count)]
 
 
 def absent_frames(frames: Collection[int], there: Container[int]) -> str:

@@ -196,7 +196,7 @@ def _encode_backward(
 
 @functools.cache
 def tensors_of(shape: GridShape, device: str) -> GridTensors:
-    """A grid's numbers on a device, made once."""
+    """Return a grid's numbers on a device, made once."""
 
     def integers(values: list[int]) -> Tensor:
         return torch.tensor(values, dtype=torch.int32, device=device)

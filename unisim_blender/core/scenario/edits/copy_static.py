@@ -32,7 +32,7 @@ class CopyStatic(Edit):
         check_box(self.box, scenario, place)
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """The drive in which what stands in the box stands also at the target."""
+        """Return the drive in which what stands in the box stands also at the target."""
         if self.id in context.recorded.actors or self.id in drive.actors:
             fail(f"{place}.id", f'"{self.id}" is an actor already')
         copy = StaticCopy(self.id, box_of(self.box, context.scenario), pose_of(self.target))

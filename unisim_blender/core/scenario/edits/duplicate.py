@@ -58,7 +58,7 @@ class Duplicate(Edit):
         check_path(self, place, needed=False)
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """The drive with a second actor that looks like the source."""
+        """Return the drive with a second actor that looks like the source."""
         source = current(drive, self.actor, f"{place}.actor", context)
         check_new(drive, self.id, place, context)
         if self.pose is not None or self.trajectory is not None:

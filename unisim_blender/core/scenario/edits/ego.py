@@ -55,7 +55,7 @@ class Ego(Edit):
         check_keys(self.shift or (), f"{place}.shift")
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """The drive with the vehicle, all its sensors and its body elsewhere.
+        """Return the drive with the vehicle, all its sensors and its body elsewhere.
 
         A shift keeps every heading and every sensor's place on the vehicle exactly, at any time. On a new trajectory
         the sensors keep their places to within `motion`'s tolerances; where it stands, they stand, to the bit.

@@ -39,7 +39,7 @@ class EgoBody(Edit):
         check_rotation(self.mount, f"{place}.mount")
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """The drive with a mesh on the vehicle, wherever edits before and after this one let it drive."""
+        """Return the drive with a mesh on the vehicle, wherever edits before and after this one let it drive."""
         path, size_m = mesh_of(self.mesh, place, context)
         check_new(drive, self.id, place, context)
         ego, mount = drive.world_from_ego, pose_of(self.mount)

@@ -35,7 +35,7 @@ class Insert(Edit):
         check_path(self, place)
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """The drive with another actor, of this or of another trained scene."""
+        """Return the drive with another actor, of this or of another trained scene."""
         source = context.appearance_of(self.actor, self.scene, place, "actor")
         check_new(drive, self.id, place, context)
         trajectory = context.trajectory(self.pose, self.trajectory, self.outside, place)

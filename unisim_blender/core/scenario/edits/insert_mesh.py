@@ -40,7 +40,7 @@ class InsertMesh(Edit):
         check_path(self, place)
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """The drive with a mesh in it; its box is the mesh's extent."""
+        """Return the drive with a mesh in it; its box is the mesh's extent."""
         path, size_m = mesh_of(self.mesh, place, context)
         check_new(drive, self.id, place, context)
         trajectory = context.trajectory(self.pose, self.trajectory, self.outside, place)

@@ -46,7 +46,7 @@ class Move(Edit):
         check_path(self, place, needed=not shifted)
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """The drive with the actor on another path; it is there when it was, or later, unless the edit says when."""
+        """Return the drive with the actor on another path; it is there when it was, or later, unless the edit says when."""
         actor = current(drive, self.actor, f"{place}.actor", context)
         if self.pose is None and self.trajectory is None:
             actor = shifted(actor, self.offset_m, self.later_s or 0.0, self.ahead_m or 0.0, context.recorded)

@@ -27,5 +27,5 @@ class RemoveStatic(Edit):
         check_box(self.box, scenario, place)
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """The drive in which nothing stands in the box."""
+        """Return the drive in which nothing stands in the box."""
         return replace(drive, static_removals=(*drive.static_removals, box_of(self.box, context.scenario)))

@@ -21,7 +21,7 @@ UNSCALABLE = f"must lie between {SIZE_FACTOR_BOUNDS[0]:g} and {SIZE_FACTOR_BOUND
 
 
 def scales(factors: Sequence[float]) -> bool:
-    """Whether an actor can be scaled by these factors along its axes."""
+    """Return whether an actor can be scaled by these factors along its axes."""
     return all(SIZE_FACTOR_BOUNDS[0] <= factor <= SIZE_FACTOR_BOUNDS[1] for factor in factors)
 
 
@@ -43,7 +43,8 @@ class Scale(Edit):
         require(scales(self.factors), f"{place}.factors", f"{list(self.factors)} {UNSCALABLE}")
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """The drive with the actor larger or smaller about its box's centre, after what earlier edits scaled it by."""
+        """Return the drive with the actor larger or smaller about its box's centre, after what earlier edits scaled it
+        by."""
         actor = current(drive, self.actor, f"{place}.actor", context)
         total = actor.scale[0] * self.factors[0], actor.scale[1] * self.factors[1], actor.scale[2] * self.factors[2]
         if not scales(total):

@@ -26,8 +26,8 @@ class Swap(Edit):
     scene: str | None = None
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """The drive with the new appearance, box and class at the actor's place; the undersides of both boxes are at
-        one height. The new box has the size of its appearance: an earlier scale of the actor ends."""
+        """Return the drive with the new appearance, box and class at the actor's place; the undersides of both boxes
+        are at one height. The new box has the size of its appearance: an earlier scale of the actor ends."""
         actor = current(drive, self.actor, f"{place}.actor", context)
         source = context.appearance_of(self.appearance, self.scene, place, "appearance")
         raised = (source.size_m[2] - actor.size_m[2]) / 2

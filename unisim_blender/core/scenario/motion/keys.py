@@ -22,7 +22,7 @@ class Keyframe(Placement):
 
 @dataclass(frozen=True)
 class ShiftKey:
-    """How far left the ego vehicle drives at a time or at a frame's time."""
+    """Distance to the left by which the ego vehicle is shifted at a time or at a frame's time."""
 
     left_m: float
     time_s: float | None = None
@@ -31,7 +31,7 @@ class ShiftKey:
 
 @dataclass(frozen=True)
 class Present:
-    """From when to when an actor is there; an end that is not given is the drive's."""
+    """Start and end of an actor's presence; an end that is not given is the drive's."""
 
     start_s: float | None = None
     end_s: float | None = None
@@ -62,11 +62,11 @@ class ActorPathEdit(Protocol):
 
     @property
     def pose(self) -> Placement | None:
-        """Where the actor stands."""
+        """The pose of an actor that stands."""
 
     @property
     def trajectory(self) -> tuple[Keyframe, ...] | None:
-        """Where it goes."""
+        """The keyframes of its trajectory."""
 
     @property
     def outside(self) -> str | None:
@@ -74,7 +74,7 @@ class ActorPathEdit(Protocol):
 
     @property
     def present(self) -> Present | None:
-        """When it is there."""
+        """Its presence."""
 
 
 def check_path(edit: ActorPathEdit, place: str, needed: bool = True) -> None:

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...geometry import FloatArray, Quaternion, Vector3, make_pose, quaternion_from_yaw
+from ...geometry import FloatArray, Quaternion, Vector3, make_pose, quaternion_from_yaw, quaternion_product
 from ..checks import require
 from ..json_schema import NUMBER, POSITIVE, VECTOR, Schema, members_of, numbers
-from .trajectories import quaternion_product
 
 QUATERNION_LENGTH_TOLERANCE = 1e-3
-"""How far from 1 a quaternion's length may be, for those written by hand."""
+"""Largest deviation of a quaternion's length from 1, for those written by hand."""
 UNIT_LENGTH_TOLERANCE = 1e-12
 """Lengths this near to 1 are unit length."""
 
@@ -110,5 +109,5 @@ def unit_quaternions(quaternions_wxyz: FloatArray) -> FloatArray:
 
 
 def pose_of(placement: Placement) -> FloatArray:
-    """The placement as a pose (4, 4)."""
+    """Return the placement as a pose (4, 4)."""
     return make_pose(np.array(placement.position, float), rotation_of(placement))

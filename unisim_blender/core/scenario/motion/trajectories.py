@@ -21,6 +21,7 @@ from ...geometry import (
     make_pose,
     quaternion_from_matrix,
     quaternion_from_yaw,
+    quaternion_product,
     slerp,
 )
 
@@ -35,21 +36,6 @@ SAME_TIME_S = 1e-9
 
 Poses = Callable[[FloatArray], FloatArray]
 Indices = NDArray[np.int64]
-
-
-def quaternion_product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Hamilton products (..., 4) of quaternions wxyz (..., 4): the rotation b, then a."""
-    aw, ax, ay, az = np.moveaxis(a, -1, 0)
-    bw, bx, by, bz = np.moveaxis(b, -1, 0)
-    return np.stack(
-        [
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ],
-        -1,
-    )
 
 
 def merged_times(own: FloatArray, *others: FloatArray) -> FloatArray:
@@ -121,8 +107,8 @@ def offset_curve(
 
 
 def displaced(trajectory: Trajectory, curve: Trajectory) -> Trajectory:
-    """The trajectory plus the displacement that ``curve`` has at each time. Exact: both are lines between
-    the union of keys.
+    """Return the trajectory plus the displacement that ``curve`` has at each time. Exact: both are lines between the
+    union of keys.
 
     Rotations stay as they are, to the bit at the trajectory's own keys.
     """
@@ -142,15 +128,15 @@ def sampled_keys(trajectory: Trajectory, times: FloatArray) -> tuple[FloatArray,
 
 
 def sampled(poses_at: Poses, times: FloatArray) -> Trajectory:
-    """A trajectory with keys at ``times``, and between them wherever lines and slerp would miss ``poses_at``."""
+    """Return a trajectory with keys at ``times``, and between them wherever lines and slerp would miss ``poses_at``."""
     return sampled_together(lambda t, _: poses_at(t), [times])[0]
 
 
 def sampled_together(
     poses_at: Callable[[FloatArray, Indices], FloatArray], times: Sequence[FloatArray]
 ) -> list[Trajectory]:
-    """As `sampled`, of several trajectories at once, which is faster: ``poses_at`` gets times (N,) and the trajectories' numbers
-    (N,)."""
+    """Return `sampled` of several trajectories at once, which is faster: ``poses_at`` gets times (N,) and the
+    trajectories' numbers (N,)."""
 
     def values_at(times: FloatArray, which: Indices) -> FloatArray:
         poses = poses_at(times, which)
@@ -195,7 +181,7 @@ class Stacked:
 
 
 def holding_ends(trajectory: Trajectory) -> Trajectory:
-    """The trajectory, standing still before its first key and after its last."""
+    """Return the trajectory, standing still before its first key and after its last."""
     if len(trajectory.times_s) == 1:
         return trajectory
     index = np.concatenate([[0], np.arange(len(trajectory.times_s)), [-1]])
@@ -206,7 +192,8 @@ def holding_ends(trajectory: Trajectory) -> Trajectory:
 
 @dataclass(frozen=True)
 class Resting:
-    """When a trajectory with keys at ``times_s`` (T,) stands, to the bit. ``since_s`` (T,): when each key's pose was reached."""
+    """Rest of a trajectory with keys at ``times_s`` (T,), to the bit. ``since_s`` (T,): when each key's pose was
+    reached."""
 
     times_s: FloatArray
     since_s: FloatArray
@@ -239,7 +226,7 @@ class Resting:
 
 
 def is_moving(trajectory: Trajectory) -> bool:
-    """Whether the pose changes at all from key to key."""
+    """Return whether the pose changes between keys."""
     turned = 1 - np.abs(trajectory.quaternions_wxyz @ trajectory.quaternions_wxyz[0])
     return bool((np.abs(trajectory.positions - trajectory.positions[0]) > 1e-4).any() or (turned > 1e-9).any())
 
@@ -263,7 +250,7 @@ class TimeMap:
         return np.asarray(inside + self.slope * (before + after))
 
     def scenario(self, recorded_s: float, latest: bool = False) -> float:
-        """The scenario time at which ``recorded_s`` is reached first, or left last."""
+        """Return the scenario time at which ``recorded_s`` is reached first, or left last."""
         if self.slope > 0:
             if recorded_s < self.recorded_s[0]:
                 return float(self.scenario_s[0] - (self.recorded_s[0] - recorded_s) / self.slope)
@@ -278,7 +265,7 @@ class TimeMap:
         return float(self.scenario_s[low] + fraction * (self.scenario_s[high] - self.scenario_s[low]))
 
     def clamped(self, first_s: float, last_s: float) -> TimeMap:
-        """The same map, its recorded times kept within first_s..last_s, where time stands still."""
+        """Return the map with its recorded times clipped to ``first_s`` to ``last_s``, seconds."""
         ends = [self.scenario(first_s), self.scenario(last_s, latest=True)]
         between = (self.scenario_s > ends[0]) & (self.scenario_s < ends[1])
         times = np.concatenate([[ends[0]], self.scenario_s[between], [ends[1]]])
@@ -288,7 +275,8 @@ class TimeMap:
 
 
 def retimed(trajectory: Trajectory, time_map: TimeMap) -> Trajectory:
-    """The same path, at every scenario time where it was at the recorded time. Exact: keys wherever either has one."""
+    """Return the trajectory that is, at every scenario time, where it was at the recorded time. Exact: keys wherever
+    either has one."""
     if len(trajectory.times_s) == 1:
         return trajectory
     recorded = trajectory.times_s
@@ -315,7 +303,7 @@ def beside(
     world_offset_m: tuple[float, float, float] | None,
     turn_deg: float | None,
 ) -> Trajectory:
-    """The trajectory displaced along its own axes and the world's, then turned about its own z."""
+    """Return the trajectory displaced along its own axes and the world's, then turned about its own z."""
     if offset_m is not None:
         offset: FloatArray = np.array(offset_m, float)
         curve = offset_curve(trajectory, trajectory.times_s, lambda times: np.broadcast_to(offset, (len(times), 3)))

@@ -27,7 +27,7 @@ SensorT = TypeVar("SensorT", Camera, Lidar)
 
 
 def select_sensors(drive: Drive, context: EditContext) -> Drive:
-    """The drive with the sensors that the scenario lists, on the edited vehicle."""
+    """Return the drive with the sensors that the scenario lists, on the edited vehicle."""
     sensors, source = context.scenario.sensors, context.scenario.path
     if sensors is None:
         return drive
@@ -44,7 +44,7 @@ def select_sensors(drive: Drive, context: EditContext) -> Drive:
 
 
 def _base(known: dict[str, SensorT], spec: CameraSpec | LidarSpec, place: str, kind: str) -> SensorT | None:
-    """The log's sensor that a new one is made from; None for one that is new in all."""
+    """Return the log's sensor that a new one is made from; None for one that is new in all."""
     key = spec.like or spec.id
     if key in known:
         return known[key]
@@ -75,8 +75,8 @@ def _camera(drive: Drive, spec: CameraSpec, place: str, context: EditContext) ->
 
 
 def _sees_ego_body(spec: CameraSpec | LidarSpec) -> bool:
-    """Whether a sensor sees the ego vehicle's body: unless told otherwise, one that does not ride on
-    the vehicle does."""
+    """Return whether a sensor sees the ego vehicle's body: unless told otherwise, one that does not ride on the vehicle
+    does."""
     return spec.trajectory is not None if spec.sees_ego_body is None else spec.sees_ego_body
 
 
@@ -112,7 +112,7 @@ def _lens(spec: CameraSpec, old: Lens, place: str) -> Lens:
 
 
 def new_camera_model(spec: CameraSpec, place: str) -> CameraModel:
-    """The model of a camera that no log has. Raises `ScenarioError` naming ``place``."""
+    """Return the model of a camera that no log has. Raises `ScenarioError` naming ``place``."""
     if spec.width is None or spec.height is None or (spec.fx is None) == (spec.horizontal_fov_deg is None):
         fail(place, "a new camera needs width, height, and fx or horizontal_fov_deg")
     lens = _lens(spec, PINHOLE, place)
@@ -132,7 +132,7 @@ def new_camera_model(spec: CameraSpec, place: str) -> CameraModel:
 
 
 def _showing(model: CameraModel, place: str) -> CameraModel:
-    """The model, whose image shows something. Raises `ScenarioError`."""
+    """Return the model, whose image shows something. Raises `ScenarioError`."""
     if not shows_something(model):
         degrees, at = np.degrees(model.lens.max_angle_rad), f"({model.cx:g}, {model.cy:g})"
         fail(place, f"its image lies beside all that the lens shows, {degrees:.1f} degrees about the pixel {at}")
@@ -140,7 +140,8 @@ def _showing(model: CameraModel, place: str) -> CameraModel:
 
 
 def _changed_camera_model(old: CameraModel, spec: CameraSpec, place: str) -> CameraModel:
-    """The old model at another size (its view scaled with each axis), then with the K and shutter that are given."""
+    """Return the old model at another size (its view scaled with each axis), then with the K and shutter that are
+    given."""
     if spec.fx is not None and spec.horizontal_fov_deg is not None:
         fail(place, "has fx beside horizontal_fov_deg, which exclude each other")
     model = old.resized(spec.width) if spec.width is not None else old
@@ -158,7 +159,8 @@ def _changed_camera_model(old: CameraModel, spec: CameraSpec, place: str) -> Cam
 
 
 def _focal_length(spec: CameraSpec, width: int, lens: Lens, place: str) -> float | None:
-    """The focal length at which an image is as wide as is asked for, half of it to each side of the optical axis."""
+    """Return the focal length at which an image is as wide as is asked for, half of it to each side of the optical
+    axis."""
     if spec.horizontal_fov_deg is None:
         return None
     if lens != PINHOLE:
@@ -197,7 +199,7 @@ def _lidar(drive: Drive, spec: LidarSpec, place: str, context: EditContext) -> L
 
 
 def lidar_model(old: LidarModel | None, spec: LidarSpec, place: str) -> LidarModel:
-    """The model of a LiDAR that changes an old one, or is new. Raises `ScenarioError` naming ``place``."""
+    """Return the model of a LiDAR that changes an old one, or is new. Raises `ScenarioError` naming ``place``."""
     if spec.preset is not None and spec.elevation_deg is not None:
         fail(place, "has preset beside elevation_deg, which exclude each other")
     changes: dict[str, Any] = {
@@ -253,7 +255,7 @@ def lidar_members(model: LidarModel) -> dict[str, Any]:
 
 
 def _tables(spec: LidarSpec, beams: int, columns: int, place: str) -> dict[str, Any]:
-    """The tables that a spec gives, one value for each beam or column."""
+    """Return the tables that a spec gives, one value for each beam or column."""
     tables = {}
     for name, count, what in (
         ("azimuth_offset_deg", beams, "beams"),
@@ -293,7 +295,7 @@ def _trajectory(
     context: EditContext,
     place: str,
 ) -> Trajectory:
-    """The sensor's trajectory in the world: one of its own, or on the vehicle."""
+    """Return the sensor's trajectory in the world: one of its own, or on the vehicle."""
     if spec.trajectory is None:
         return _mounted(drive, spec.mount, spec.mount_offset, recorded, front_from_sensor)
     # a key with angles looks along x at 0, as a mount does
@@ -305,7 +307,7 @@ def _trajectory(
 
 
 def mounted_pose(mount: Placement, front_from_sensor: FloatArray) -> FloatArray:
-    """A sensor's pose (4, 4) on the vehicle; of a mount with angles, axes that look along x at 0 are
+    """Return a sensor's pose (4, 4) on the vehicle; of a mount with angles, axes that look along x at 0 are
     ``front_from_sensor``."""
     ego_from_sensor = pose_of(mount)
     if mount.quaternion_wxyz is None:
@@ -320,7 +322,7 @@ def _mounted(
     recorded: Trajectory | None,
     front_from_sensor: FloatArray,
 ) -> Trajectory:
-    """The sensor's trajectory in the world: on a mount, or as recorded and then displaced."""
+    """Return the sensor's trajectory in the world: on a mount, or as recorded and then displaced."""
     ego = drive.world_from_ego
     ends = np.array([min(drive.time_s.values()) - SENSOR_MARGIN_S, max(drive.time_s.values()) + SENSOR_MARGIN_S])
     if mount is not None:

@@ -111,7 +111,7 @@ def cached_cells(header: SceneHeader, voxels: int, work_out: Callable[[], VoxelC
 
 
 def _key(header: SceneHeader) -> bytes:
-    """A digest of what the cells depend on besides the weights and the instruction set."""
+    """Return a digest of what the cells depend on besides the weights and the instruction set."""
     sizes = [header.drive.actors[uid].size_m.tolist() for uid in sorted(header.drive.actors)]
     identity = json.dumps([CELLS_VERSION, header.model, header.volume, sizes], sort_keys=True)
     return hashlib.sha256(identity.encode()).digest()
@@ -229,7 +229,7 @@ class CompiledScene:
         library.unisim_clearance(address(closed), address(counts), address(clearance))
 
     def _evaluate_cells(self, library: ctypes.CDLL, occupied: NDArray[np.int64], shape: tuple[int, ...]) -> VoxelCells:
-        """The cells of the voxels with these numbers, and of the actors' boxes."""
+        """Return the cells of the voxels with these numbers, and of the actors' boxes."""
         cells = np.zeros(shape, np.uint16)
         library.unisim_cells(
             ctypes.byref(self.struct), address(occupied), len(occupied), address(cells), native.threads()
@@ -243,7 +243,7 @@ class CompiledScene:
 
     @cached_property
     def observed_struct(self) -> SceneStruct:
-        """The same scene with the voxels alone that the recording shows."""
+        """The scene's structure with only the voxels that the recording shows."""
         shown = self.observed > 0
         voxels, cells = (
             self._keep(np.where(shown, array, np.zeros_like(array))) for array in (self._voxels, self._cells)

@@ -6,7 +6,7 @@ Faces lie on local planes of the points, with the normal and the density of the 
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from .... import native
 from ....data.log import Log, Sweep
 from ....data.own_vehicle import Outline
 from ....errors import LogError, SceneError
-from ....geometry import FloatArray
+from ....geometry import FloatArray, spread_indices
 from ....ops.constants import GROUND_CELL_M, GROUND_CLEARANCE_M, SYMMETRIC_CLASSES
 from ....sensors.rays import Rays
 from ....world.drive import Actor
@@ -163,7 +163,7 @@ def build_surfels(
     surfels = PlacedSurfels(everywhere, [(actor, sets[actor.uid]) for actor in actors])
     _ = everywhere.triangles  # made once: it takes seconds
     beams = [(name, frame) for name, frame in sweeps if drive.lidars[name].model.beams]
-    for number, (name, frame) in enumerate(_spread(beams, PRUNING_SWEEPS)):
+    for number, (name, frame) in enumerate(beams[i] for i in spread_indices(len(beams), PRUNING_SWEEPS)):
         yield Step("Removing what beams went through", 0.57 + 0.05 * number / PRUNING_SWEEPS)
         surfels = _pruned(surfels, log, name, frame)
     everywhere = surfels.static
@@ -183,7 +183,7 @@ def build_surfels(
     painter.finish(gains)
     dome, dome_seen = painter.dome(gains)
     drops = DropTable.empty()
-    for name, frame in _spread(beams, DROP_SWEEPS):
+    for name, frame in (beams[i] for i in spread_indices(len(beams), DROP_SWEEPS)):
         yield Step("Counting dropped beams", 0.97)
         drops = _count_drops(drops, log, name, frame, surfels)
     yield SurfelScene(settings, everywhere, sets, ground, dome, dome_seen, drops, outlines, exposures)
@@ -232,7 +232,7 @@ def _fine(cloud: PointSums) -> _Returns:
 
 
 def _mirrored(cloud: PointSums, actor: Actor) -> _Returns:
-    """A vehicle's returns, and those of its other side where this one has none near."""
+    """Return a vehicle's returns, and those of its other side where this one has none near."""
     own = _fine(cloud)
     if not any(word in actor.label.lower() for word in SYMMETRIC_CLASSES) or len(own.points) == 0:
         return own
@@ -312,7 +312,7 @@ def _captures(log: Log, lidar: str, chosen: set[int]) -> list[int]:
 
 
 def _chosen_images(log: Log, camera: str, chosen: set[int]) -> list[int]:
-    """Of a camera's images those that are spread over the way that the vehicle goes."""
+    """Return a camera's images that are spread evenly over the vehicle's path."""
     taken = log.drive.cameras[camera].time_s
     frames = captures_of(taken, log.drive, sorted(chosen), log.image_frames(camera))
     if len(frames) <= IMAGES_PER_CAMERA:
@@ -323,16 +323,6 @@ def _chosen_images(log: Log, camera: str, chosen: set[int]) -> list[int]:
     trajectory = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(ego, axis=0), axis=1) + 0.05)]
     wanted = np.linspace(0, trajectory[-1], IMAGES_PER_CAMERA)
     return sorted({frames[int(np.abs(trajectory - at).argmin())] for at in wanted})
-
-
-ItemT = TypeVar("ItemT")
-
-
-def _spread(items: Sequence[ItemT], count: int) -> list[ItemT]:
-    """At most ``count`` of the items, evenly."""
-    if len(items) <= count:
-        return list(items)
-    return [items[i] for i in sorted(set(np.linspace(0, len(items) - 1, count).round().astype(int).tolist()))]
 
 
 def _pruned(surfels: PlacedSurfels, log: Log, name: str, frame: int) -> PlacedSurfels:

@@ -101,7 +101,7 @@ class RecordedView:
 
     @cached_property
     def beyond(self) -> BoolArray:
-        """Where (h, w) the camera sees neither a surfel nor an actor's box, nor its own vehicle."""
+        """Cells (h, w) bool in which the camera sees neither a surfel nor an actor's box, nor its own vehicle."""
         return np.isinf(self.depth_m) & np.isinf(self.boxes_m) & ~self.own
 
     def far_points(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -246,7 +246,7 @@ def _meet(depth: NDArray[np.float32], part: NDArray[np.int64], rays: Rays, pose:
 
 
 def _span(values: FloatArray, size: int) -> slice:
-    """The cells between the least and the largest of values; an exposure of rows moves things by a few."""
+    """Return the cells between the least and the largest of values; an exposure of rows moves things by a few."""
     low, high = np.clip(
         [np.floor(values.min()) - SHUTTER_POSES, np.ceil(values.max()) + SHUTTER_POSES], 0, size
     ).astype(int)

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ....geometry import FloatArray, quaternion_from_yaw
-from ....world.actor_path import ActorPath, product
+from ....geometry import FloatArray, quaternion_from_yaw, quaternion_product
+from ....world.actor_path import ActorPath
 from ....world.captures import US_PER_SECOND
 from ....world.drive import EGO, Actor
 from ...states import ActorState, FootprintArrays, Traffic, actor_footprint
@@ -176,7 +176,7 @@ class Attack(Auto):
             turned, way, speed = turned + curvature * moved, way + moved, after
         path = memory.world.paths[actor.uid]
         z += _climb(path, x, y, z, way)
-        w, i, j, k = product(quaternion_from_yaw(turned), np.array(state.quaternion_wxyz)).tolist()
+        w, i, j, k = quaternion_product(quaternion_from_yaw(turned), np.array(state.quaternion_wxyz)).tolist()
         acceleration = (speed - state.speed_m_s) * US_PER_SECOND / step_us
         driven = ActorState((x, y, z), (w, i, j, k), speed, acceleration, True)
         return ActorMotion(driven, replace(memory, curvature_per_m=curvature))

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ....geometry import quaternion_from_yaw
-from ....world.actor_path import ActorPath, joined, product, quintic
+from ....geometry import quaternion_from_yaw, quaternion_product
+from ....world.actor_path import ActorPath, joined, quintic
 from ....world.captures import US_PER_SECOND
 from ....world.drive import Actor
 from ...states import ActorState, Traffic
@@ -155,7 +155,7 @@ def _aside(state: ActorState, left_m: float, rate_m_s: float) -> ActorState:
     heading = state.heading_rad
     turn = math.atan2(rate_m_s, state.speed_m_s) if rate_m_s else 0.0
     turn = min(max(turn, -MOST_TURN_RAD), MOST_TURN_RAD)
-    w, i, j, k = product(quaternion_from_yaw(turn), np.array(state.quaternion_wxyz)).tolist()
+    w, i, j, k = quaternion_product(quaternion_from_yaw(turn), np.array(state.quaternion_wxyz)).tolist()
     position = x - left_m * math.sin(heading), y + left_m * math.cos(heading), z
     speed = math.hypot(state.speed_m_s, rate_m_s)
     return replace(state, position_m=position, quaternion_wxyz=(w, i, j, k), speed_m_s=speed)
