@@ -126,18 +126,20 @@ def test_grey_without_an_actor(street: Any) -> None:
 
 
 @pytest.mark.parametrize("left_m", [0.0, 1.25])
-@pytest.mark.parametrize("later_s", [0.0, 0.6, -0.35])
-def test_the_scenario_says_what_was_shifted(street: Any, tmp_path: Path, left_m: float, later_s: float) -> None:
+@pytest.mark.parametrize(("ahead_m", "later_s"), [(0.0, 0.0), (0.0, 0.6), (-2.5, 0.0), (2.0, -0.35)])
+def test_the_scenario_says_what_was_shifted(
+    street: Any, tmp_path: Path, left_m: float, ahead_m: float, later_s: float
+) -> None:
     uid = actor(street, moving=True)
     select(imported(street, "ACTOR", uid))
-    bpy.ops.unisim.shift_actor(left_m=left_m, ahead_m=0.0, later_s=later_s)
+    bpy.ops.unisim.shift_actor(left_m=left_m, ahead_m=ahead_m, later_s=later_s)
     scenario = read(street)
-    if not left_m and not later_s:
+    if not left_m and not later_s and not ahead_m:
         assert scenario.edits == ()
         return
     (edit,) = scenario.edits
     assert isinstance(edit, Move) and edit.trajectory is None and edit.pose is None
-    assert (edit.offset_m, edit.later_s) == ((0.0, left_m, 0.0), later_s or None)
+    assert (edit.offset_m, edit.later_s, edit.ahead_m) == ((0.0, left_m, 0.0), later_s or None, ahead_m or None)
     path = tmp_path / "scenario.json"
     assert bpy.ops.unisim.export_scenario(filepath=str(path)) == {"FINISHED"}
     before = edited(street)

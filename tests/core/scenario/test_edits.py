@@ -155,6 +155,15 @@ def test_a_move_displaces_and_delays_its_own_trajectory() -> None:
         edited({"type": "move", "actor": "car", "later_s": 1, "trajectory": KEYS})
 
 
+def test_a_move_ahead_follows_the_path() -> None:
+    source, now = (edited(*edits).actors["car"] for edits in ([], [{"type": "move", "actor": "car", "ahead_m": 0.5}]))
+    path = source.world_from_actor.at(np.linspace(-1, 2, 3001))[:, :3, 3]
+    times = np.linspace(0.1, 0.5, 5)
+    places = now.world_from_actor.at(times)[:, :3, 3]
+    assert np.linalg.norm(places[:, None] - path, axis=-1).min(1).max() < 0.05
+    assert np.linalg.norm(places - source.world_from_actor.at(times)[:, :3, 3], axis=1) == pytest.approx(0.5, abs=0.02)
+
+
 def test_a_trajectory_of_keyframes() -> None:
     drive = edited({"type": "move", "actor": "car", "trajectory": KEYS})
     moved = drive.actors["car"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from unisim_blender.core.geometry import FloatArray, quaternion_from_yaw
-from unisim_blender.editing.motion.keys import is_path, shifted_along
+from unisim_blender.core.scenario.motion.paths import is_path, shifted_along
 
 
 def arc(angles: FloatArray, radius_m: float) -> tuple[FloatArray, FloatArray]:

@@ -51,7 +51,8 @@ def test_fields_are_in_words_and_units() -> None:
 def test_a_shift_can_be_varied() -> None:
     move = {"type": "move", "actor": "car-01", "offset_m": [0.0, 1.25, 0.0]}
     found = {one.label: one for one in fields_of({"edits": [move]}, {"car-01": "Car 1"})}
-    assert [*found] == ["Car 1: later (s)", "Car 1: forward (m)", "Car 1: left (m)", "Car 1: up (m)"]
+    shifts = ["ahead along the path (m)", "later (s)", "forward (m)", "left (m)", "up (m)"]
+    assert [*found] == [f"Car 1: {shift}" for shift in shifts]
     assert found["Car 1: left (m)"].range == (0.25, 2.25) and found["Car 1: later (s)"].range == (-1.0, 1.0)
 
 

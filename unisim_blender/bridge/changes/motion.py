@@ -8,9 +8,10 @@ import bpy
 import numpy as np
 
 from ...core.geometry import FloatArray, matrix_from_quaternion, quaternion_from_matrix
+from ...core.scenario.motion.paths import is_path
 from ...core.world.drive import Drive
 from ...editing.motion.braking import Approach, StopInMotion, braked, stopped_keys
-from ...editing.motion.keys import TrajectoryKeys, along_line, is_path, shifted_keys
+from ...editing.motion.keys import TrajectoryKeys, along_line, shifted_keys
 from ...editing.motion.retiming import later_or_earlier
 from ...editing.sampled.axes import axes_of
 from ...editing.sampled.clock import Clock

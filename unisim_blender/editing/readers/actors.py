@@ -22,6 +22,7 @@ from ...core.scenario.edit import Edit
 from ...core.scenario.edits import Duplicate, Insert, InsertMesh, Move, Remove, Scale, Swap
 from ...core.scenario.edits.move import shifted
 from ...core.scenario.motion.keys import Present
+from ...core.scenario.motion.paths import arc_lengths_of, is_path
 from ...core.world.drive import Actor
 from ..edits.lines import EditLine, joined, line_of, path_phrases, unmoved
 from ..edits.reader import (
@@ -39,7 +40,7 @@ from ..sampled.clock import Clock, recorded_poses
 from ..sampled.scene import SAME_M, UNIT, SampledObject, differ, refusal, same, same_turn, scale_text
 from ..texts import LOWER, Text, cased
 
-LATER_DIGITS, OFFSET_DIGITS = 4, 5
+LATER_DIGITS, OFFSET_DIGITS, AHEAD_DIGITS = 4, 5, 2
 """Of a shift's seconds and metres: Blender's float32 keys tell no more."""
 SAME_LATER_S = 1e-3
 NEAR_M, NEAR_RAD = 2e-3, 1e-3
@@ -208,27 +209,40 @@ def near(a: FloatArray, b: FloatArray) -> BoolArray:
     return np.asarray((away < NEAR_M) & (np.abs((a - b)[:, :3, :3]).max((1, 2)) < NEAR_RAD))
 
 
+def _apart(actor: Actor, obj: SampledObject, clock: Clock) -> FloatArray:
+    """Return how far along an actor's axes an object mostly is from it (3,), in metres."""
+    base = actor.world_from_actor.at(clock.times_s)
+    return np.asarray(np.median((invert_pose(base) @ obj.poses)[obj.there, :3, 3], axis=0))
+
+
 def shift_of(context: ActorEditContext) -> Move | None:
-    """Return the move of an actor whose trajectory is displaced along its own axes and delayed, and no more; None where
-    it goes otherwise."""
+    """Return the move of an actor whose trajectory is shifted along its path, displaced along its own axes and delayed,
+    and no more; None where it goes otherwise."""
     obj, actor, clock = context.here, context.known, context.clock
-    if not actor.is_moving or obj.appearance or obj.scale_lift_m or obj.span is None or not obj.there.any():
+    moves = actor.is_moving and is_path(actor.world_from_actor.positions)
+    if not moves or obj.appearance or obj.scale_lift_m or obj.span is None or not obj.there.any():
         return None
     later_s = float(clock.time_s(np.array(obj.span[0]))) - float(actor.world_from_actor.times_s[0])
     later_s = round(later_s, LATER_DIGITS) if abs(later_s) > SAME_LATER_S else 0.0
-    base = actor.world_from_actor.at(clock.times_s - later_s)
-    offset = np.median((invert_pose(base) @ obj.poses)[obj.there, :3, 3], axis=0)
-    offset = vector(np.round(offset, OFFSET_DIGITS) + 0.0) if np.abs(offset).max() > SAME_M else (0.0, 0.0, 0.0)
-    if not any(offset) and not later_s:
+    there, drive = obj.there, context.reading.drive
+    path, base = actor.world_from_actor.positions, actor.world_from_actor.at(clock.times_s - later_s)
+    gone = arc_lengths_of(path, obj.poses[there, :3, 3]) - arc_lengths_of(path, base[there, :3, 3])
+    by = _apart(shifted(actor, None, later_s, float(np.median(gone)), drive), obj, clock)
+    for ahead_m in (0.0, round(float(np.median(gone) + by[0]), AHEAD_DIGITS)):
+        by = _apart(shifted(actor, None, later_s, ahead_m, drive), obj, clock)
+        offset = vector(np.round(by, OFFSET_DIGITS) + 0.0) if np.abs(by).max() > SAME_M else (0.0, 0.0, 0.0)
+        after = shifted(actor, offset, later_s, ahead_m, drive)
+        agree = near if later_s or ahead_m else same
+        if agree(after.world_from_actor.at(clock.times_s), obj.poses)[there].all():
+            break
+    else:
         return None
-    after = shifted(actor, offset, later_s)
-    poses, there = after.world_from_actor.at(clock.times_s), obj.there
-    if not (near(poses, obj.poses) if later_s else same(poses, obj.poses))[there].all():
+    if not any(offset) and not later_s and not ahead_m:
         return None
-    start, end = context.reading.drive.window(after)
+    start, end = drive.window(after)
     then = (clock.times_s >= start) & (clock.times_s <= end)
     shown = None if (then == there).all() else present(clock, there) or Present()
-    return Move(actor.uid, offset, later_s or None, present=shown)
+    return Move(actor.uid, offset, later_s or None, ahead_m or None, present=shown)
 
 
 @register

@@ -25,6 +25,7 @@ WORDS: dict[str, tuple[str, float]] = {
     "offset_m/0": (translatable("forward"), 5.0),
     "offset_m/1": (translatable("left"), 1.0),
     "offset_m/2": (translatable("up"), 0.2),
+    "ahead_m": (translatable("ahead along the path"), 5.0),
     "later_s": (translatable("later"), 1.0),
     "time_offset_s": (translatable("later"), 1.0),
     "offset_s": (translatable("later"), 1.0),
@@ -113,9 +114,9 @@ _ADDS = ("insert", "duplicate")
 
 
 def _with_defaults(document: dict[str, Any]) -> dict[str, Any]:
-    """Return a scenario with the delays of moves and the parameters of models that it leaves to their defaults."""
+    """Return a scenario with the shifts of moves and the parameters of models that it leaves to their defaults."""
     edits = [
-        {"later_s": 0.0, **edit} if edit["type"] == "move" and "offset_m" in edit else edit
+        {"ahead_m": 0.0, "later_s": 0.0, **edit} if edit["type"] == "move" and "offset_m" in edit else edit
         for edit in document.get("edits", [])
     ]
     simulation = document.get("simulation", {})

@@ -13,6 +13,7 @@ from ..context import EditContext, current, with_actor
 from ..edit import Edit, register
 from ..json_schema import NUMBER, TEXT, VECTOR
 from ..motion.keys import ACTOR_PATH, Keyframe, Present, check_path
+from ..motion.paths import ahead, is_path
 from ..motion.placement import Placement
 from ..motion.trajectories import TimeMap, beside, is_moving, retimed
 from ..types import Scenario
@@ -21,15 +22,17 @@ from ..types import Scenario
 @register
 @dataclass(frozen=True)
 class Move(Edit):
-    """A new trajectory, a place to stand, or the actor's own trajectory displaced along its axes and delayed."""
+    """A new trajectory, a place to stand, or the actor's own trajectory: ahead along its path, displaced along its axes
+    and delayed."""
 
     type = "move"
-    members = {"actor": TEXT, "offset_m": VECTOR, "later_s": NUMBER, **ACTOR_PATH}
+    members = {"actor": TEXT, "ahead_m": NUMBER, "offset_m": VECTOR, "later_s": NUMBER, **ACTOR_PATH}
     seen_by = "actors"
 
     actor: str
     offset_m: Vector3 | None = None
     later_s: float | None = None
+    ahead_m: float | None = None
     pose: Placement | None = None
     trajectory: tuple[Keyframe, ...] | None = None
     outside: str | None = None
@@ -37,7 +40,7 @@ class Move(Edit):
 
     def check(self, scenario: Scenario, place: str) -> None:
         """Refuse a path that is missing or contradicts itself, and a displacement beside one."""
-        shifted = [name for name in ("offset_m", "later_s") if getattr(self, name) is not None]
+        shifted = [name for name in ("ahead_m", "offset_m", "later_s") if getattr(self, name) is not None]
         placed = self.pose is not None or self.trajectory is not None
         require(not (shifted and placed), place, f"has {', '.join(shifted)} beside a path of its own")
         check_path(self, place, needed=not shifted)
@@ -47,7 +50,7 @@ class Move(Edit):
         when."""
         actor = current(drive, self.actor, f"{place}.actor", context)
         if self.pose is None and self.trajectory is None:
-            actor = shifted(actor, self.offset_m, self.later_s or 0.0)
+            actor = shifted(actor, self.offset_m, self.later_s or 0.0, self.ahead_m or 0.0, context.recorded)
             trajectory, keyed = actor.world_from_actor, actor.is_moving
         else:
             trajectory = context.trajectory(self.pose, self.trajectory, self.outside, place)
@@ -56,9 +59,15 @@ class Move(Edit):
         return with_actor(drive, moved(actor, trajectory, (start, end), keyed))
 
 
-def shifted(actor: Actor, offset_m: Vector3 | None, later_s: float) -> Actor:
-    """Return an actor displaced along its own axes and delayed: where it is and when it is present."""
-    trajectory = beside(actor.world_from_actor, offset_m if offset_m and any(offset_m) else None, None, None)
+def shifted(actor: Actor, offset_m: Vector3 | None, later_s: float, ahead_m: float, drive: Drive) -> Actor:
+    """Return an actor of a drive ahead along its path, or its own axis where it goes nowhere, displaced along its own
+    axes, and delayed: where it is and when it is present."""
+    trajectory = actor.world_from_actor
+    if ahead_m and is_path(trajectory.positions):
+        trajectory = ahead(trajectory, np.array(sorted(drive.time_s.values())), ahead_m)
+    elif ahead_m:
+        trajectory = beside(trajectory, (ahead_m, 0.0, 0.0), None, None)
+    trajectory = beside(trajectory, offset_m if offset_m and any(offset_m) else None, None, None)
     if later_s:
         trajectory = retimed(trajectory, TimeMap(np.array([later_s]), np.zeros(1)))
     start, end = actor.start_s + later_s, actor.end_s + later_s
