@@ -236,7 +236,9 @@ def test_card_list_and_graph_say_the_same_speed(street: Any) -> None:
     """Keys between the frames, and noise of annotations: each place where a speed stands has one and the same."""
     one = driving_car(street)
     above, noise = trajectory_of(one), np.random.default_rng(3)
-    frames, positions, quaternions = keys_of(above)
+    keys = keys_of(above)
+    assert keys is not None
+    frames, positions, quaternions = keys
     every = np.arange(frames[0], frames[-1], 0.5)
     places = np.stack([np.interp(every, frames, column) for column in positions.T], -1)
     turns = np.tile(quaternions[:1], (len(every), 1))

@@ -83,6 +83,7 @@ def test_an_inserted_actor_is_in_front_of_the_ego_on_its_path(street: Any, word:
     uid = next(uid for uid, actor in sorted(source_of(street).drive.actors.items()) if word in actor.label)
     assert bpy.ops.unisim.insert_actor(actor=uid) == {"FINISHED"}
     obj, drive = bpy.context.active_object, source_of(street).drive
+    edit: Any
     (edit,) = read(street).edits
     new = edited(street).actors[edit.id].world_from_actor
     ego = drive.world_from_ego.at(drive.time_s[frame])
