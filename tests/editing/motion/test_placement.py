@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.editing.motion.placement import Neighbour, Place, place_ahead
+from unisim_blender.editing.motion.placement import Neighbour, InsertPlace, place_ahead
 
 TIMES_S = np.arange(0.0, 8.0, 0.1)
 CAR_M = np.array([4.5, 1.9, 1.6])
@@ -23,7 +23,7 @@ def neighbour(poses: FloatArray, label: str = "Car", size_m: FloatArray = CAR_M)
     return Neighbour(poses, np.ones(len(poses), bool), label, size_m)
 
 
-def placed(label: str, ego: FloatArray, *others: Neighbour, at: int = 0, size_m: FloatArray = CAR_M) -> Place:
+def placed(label: str, ego: FloatArray, *others: Neighbour, at: int = 0, size_m: FloatArray = CAR_M) -> InsertPlace:
     return place_ahead(label, size_m, ego, others, at, TIMES_S)
 
 

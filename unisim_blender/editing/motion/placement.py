@@ -56,7 +56,7 @@ class Followed(NamedTuple):
     ahead_m: float
 
 
-class Place(NamedTuple):
+class InsertPlace(NamedTuple):
     """Poses (N, 4, 4) on or beside a path, which is at the ``road`` (3,) at the shown frame. Origins of its poses are
     ``height_m`` above the ground, or as high as an ego frame is where that is None. ``stands``: at one pose."""
 
@@ -78,7 +78,7 @@ class Place(NamedTuple):
 
 def place_ahead(
     label: str, size_m: FloatArray, ego: FloatArray, others: Sequence[Neighbour], at: int, times_s: FloatArray
-) -> Place:
+) -> InsertPlace:
     """Return where an actor of a class and a size (3,) is put: the first place that is clear at all N frames, else
     the one that is clear at most of them.
 
@@ -108,13 +108,13 @@ def place_ahead(
     return best
 
 
-def _places(ego: FloatArray, paths: Sequence[Followed], at: int, nearest_m: float) -> Iterator[Place]:
+def _places(ego: FloatArray, paths: Sequence[Followed], at: int, nearest_m: float) -> Iterator[InsertPlace]:
     """Yield places on paths, else beside the ego's, in the order in which they are tried."""
     farther = np.arange(0.0, max(FARTHEST_M - nearest_m, STEP_M), STEP_M)
     for path, height, start in paths:
         for distance in start + farther:
             poses = _shifted(path, distance)
-            yield Place(poses, poses[at, :3, 3], height, False)
+            yield InsertPlace(poses, poses[at, :3, 3], height, False)
     if paths:
         return
     moves = is_path(ego[:, :3, 3])
@@ -123,7 +123,7 @@ def _places(ego: FloatArray, paths: Sequence[Followed], at: int, nearest_m: floa
         for left in ASIDE_M if moves else (0.0, *ASIDE_M):
             beside = pose.copy()
             beside[:3, 3] += left * pose[:3, 1]
-            yield Place(np.tile(beside, (len(ego), 1, 1)), pose[:3, 3], None, True)
+            yield InsertPlace(np.tile(beside, (len(ego), 1, 1)), pose[:3, 3], None, True)
 
 
 def _followed(
