@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.editing.motion.placement import Neighbour, InsertPlace, place_ahead
+from unisim_blender.editing.motion.placement import InsertPlace, Neighbour, place_ahead
 
 TIMES_S = np.arange(0.0, 8.0, 0.1)
 CAR_M = np.array([4.5, 1.9, 1.6])
