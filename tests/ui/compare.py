@@ -144,7 +144,7 @@ def first_import() -> Iterator[float]:
 
 def measured() -> None:
     """Note, from now on, the longest that one drawing of the view took of the main thread's time, in seconds."""
-    view_class: Any = sys.modules[f"{MODULE}.viewport.views"].View
+    view_class: Any = sys.modules[f"{MODULE}.viewport.views"].ViewportImage
     for name in ("follow", "gather", "draw"):
         setattr(view_class, name, timed(name, getattr(view_class, name)))
 

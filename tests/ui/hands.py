@@ -175,7 +175,7 @@ def import_dropped(names: bool = True) -> Iterator[float]:
 
 def stopped_import() -> Iterator[float]:
     """Esc while objects are imported one at a time."""
-    steps_of: Any = sys.modules[f"{MODULE}.features.in_steps"]
+    steps_of: Any = sys.modules[f"{MODULE}.features.operator_bases"]
     steps_of.BUSY_S, busy = 0.0, steps_of.BUSY_S
     drop(SCENE)
     yield from until(lambda: len(bpy.data.objects) > 4, "the import does not begin")

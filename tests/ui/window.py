@@ -134,7 +134,7 @@ def timed(change: Callable[[], None]) -> Iterator[float]:
     """Make a change; the window's times go to `TIMES`: seconds to the first drawing of what comes of it and to the
     last, and for how long the window did nothing else at most."""
     viewport = sys.modules[f"{MODULE}.viewport.views"]
-    before, drawn, draw = [one.wanted for one in viewport.VIEWS], [], viewport.View.draw
+    before, drawn, draw = [one.wanted for one in viewport.VIEWS], [], viewport.ViewportImage.draw
 
     def noted(self: Any, *arguments: Any) -> None:
         fresh, pending = self.fresh, self.pending
@@ -142,7 +142,7 @@ def timed(change: Callable[[], None]) -> Iterator[float]:
         if not fresh and all(self.wanted is not wanted for wanted in before):
             drawn.append((time.monotonic(), pending))
 
-    viewport.View.draw = noted
+    viewport.ViewportImage.draw = noted
     begun = last = time.monotonic()
     change()
     longest = 0.0
@@ -151,7 +151,7 @@ def timed(change: Callable[[], None]) -> Iterator[float]:
         assert last < begun + 60, f"the viewport's image does not come: {states}"
         yield 0.005
         longest, last = max(longest, time.monotonic() - last), time.monotonic()
-    viewport.View.draw = draw
+    viewport.ViewportImage.draw = draw
     TIMES.append((drawn[0][0] - begun, drawn[-1][0] - begun, longest))
     yield 0.3
 
