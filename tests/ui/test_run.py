@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+HERE = Path(__file__).parent
+PACKAGE = HERE.parents[1] / "unisim_blender"
+NAMED = re.compile(
+    r'(?:(?<!, )\b(\w+)(?:: Any)? = )?sys\.modules(?:\.get\(|\[)f"\{MODULE\}\.([a-z_.]+)"[\])](?:\.(\w+))?'
+)
+"""A module of the extension as the sessions take it: the variable that it becomes, its name, an attribute of it."""
 TOOK = {"presses": 1, "seconds": 1.0, "longest_block_s": 0.1, "redraw_s": 0.1, "ours_s": 0.0}
 
 
@@ -40,3 +48,42 @@ def test_same_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_same_name_of_passed_tasks(tmp_path: Path) -> None:
     assert judge(tmp_path, {"person": {"one": TOOK}, "motion": {"one": TOOK}}) == 1
+
+
+def defined(module: str) -> set[str] | None:
+    """Return the names that a module of the package defines or imports; None where there is no such module."""
+    path = PACKAGE.joinpath(*module.split("."))
+    file = next((p for p in (path.with_suffix(".py"), path / "__init__.py") if p.is_file()), None)
+    if file is None:
+        return None
+    names = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.add(node.name)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            names.add(node.id)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            names |= {alias.asname or alias.name for alias in node.names}
+    return names
+
+
+def missing(text: str) -> list[str]:
+    """Return the modules, and the attributes of modules, that a session names and the package lacks."""
+    lacks = []
+    for variable, module, attribute in NAMED.findall(text):
+        names = defined(module)
+        attributes = (
+            {attribute} if attribute else set(re.findall(rf"(?<![\w.]){variable}\.(\w+)", text) if variable else ())
+        )
+        lacks += [module] if names is None else [f"{module}.{name}" for name in attributes - names]
+    return lacks
+
+
+@pytest.mark.parametrize("session", sorted(set(HERE.glob("*.py")) - {Path(__file__)}), ids=lambda path: path.stem)
+def test_sessions_name_what_is_there(session: Path) -> None:
+    assert missing(session.read_text()) == []
+
+
+def test_a_module_that_went_is_missing() -> None:
+    text = 'views = sys.modules[f"{MODULE}.viewport.views"]\nviews.Gone, views.VIEWS\nsys.modules[f"{MODULE}.gone"].a\n'
+    assert missing(text) == ["viewport.views.Gone", "gone"]
