@@ -3,26 +3,16 @@
 from __future__ import annotations
 
 import re
-import subprocess
 import sys
 from importlib.metadata import packages_distributions, requires
 from pathlib import Path
 from typing import Any
 
 import bpy
+from without_packages import run_without
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 from build_extension import COMPILED, PURE  # noqa: E402
-
-IMPORT_ADDON = """
-import sys
-class Blocked:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {names!r}:
-            raise ModuleNotFoundError(f"{{name}} is not in Blender", name=name)
-sys.meta_path.insert(0, Blocked())
-import unisim_blender.addon
-"""
 
 
 def test_it_is_imported_with_what_blender_and_the_extension_have() -> None:
@@ -35,8 +25,7 @@ def test_it_is_imported_with_what_blender_and_the_extension_have() -> None:
         if not there & {name.lower().replace("_", "-") for name in distributions}
     }
     assert {"imageio_ffmpeg", "torch", "scipy", "safetensors"} <= blocked and not {"numpy", "PIL", "click"} & blocked
-    program = IMPORT_ADDON.format(names=tuple(blocked))
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    done = run_without(tuple(blocked), "import unisim_blender.addon")
     assert done.returncode == 0, done.stderr
 
 

@@ -5,24 +5,14 @@ Each check is a fresh interpreter in which the named packages cannot be imported
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from without_packages import run_without
 
 from unisim_blender.core.native import library
 
 HEAVY = ("torch", "pandas", "scipy", "skimage", "trimesh")
-
-BLOCKED = """
-import sys
-class Blocked:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {names!r}:
-            raise ModuleNotFoundError(f"{{name}} is blocked", name=name)
-sys.meta_path.insert(0, Blocked())
-"""
 
 IMPORT_EVERYTHING = """
 import importlib, pkgutil
@@ -36,17 +26,6 @@ def load(name):
             load(f"{name}.{info.name}")
 load(%r)
 """
-
-
-def run_without(blocked: tuple[str, ...], program: str) -> subprocess.CompletedProcess[str]:
-    """Run a program in a Python that has none of the blocked packages."""
-    return subprocess.run(
-        [sys.executable, "-c", BLOCKED.format(names=blocked) + program],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
 
 
 def test_the_block_blocks() -> None:

@@ -27,7 +27,7 @@ from .log import Log, Sweep, SweepGrid
 
 MOST_FRAMES = 12
 """Largest number of frames of a fingerprint."""
-COMPARED = 3
+COMPARED_FRAMES = 3
 """Number of frames whose images and sweeps are read to compare two logs."""
 CELLS = 6, 12
 SAMPLES = 8
@@ -270,7 +270,7 @@ def _captures_apart(own: Fingerprint, log: Log, shared: list[int]) -> tuple[list
     usable = [frame for frame in shared if _has(own, log, frame, camera, lidar)]
     images, sweeps = [], []
     for frame in (
-        [usable[i] for i in np.unique(np.linspace(0, len(usable) - 1, COMPARED).astype(int))] if usable else []
+        [usable[i] for i in np.unique(np.linspace(0, len(usable) - 1, COMPARED_FRAMES).astype(int))] if usable else []
     ):
         before = own.frames[frame]
         try:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..data.log import Log
 from ..errors import UnisimError
-from ..geometry import points_in_box
+from ..geometry import points_in_box, spread_indices
 from ..world.drive import Drive
 
 PANDASET_FRONT_CAMERA = "front_camera"
@@ -95,8 +95,7 @@ def spread_frames(drive: Drive, count: int, among: Sequence[int] | None = None) 
     where None. Those are left out in which a camera stands in an actor, as one that is moved aside may."""
     free = [frame for frame in drive.frames if not _in_actor(drive, frame)] or list(drive.frames)
     wanted = [frame for frame in free if (frame % 2 if among is None else frame in among)] or free
-    places = np.unique(np.rint(np.linspace(0, len(wanted) - 1, max(1, min(count, len(wanted))))).astype(int))
-    return tuple(wanted[place] for place in places)
+    return tuple(wanted[place] for place in spread_indices(len(wanted), max(1, count)))
 
 
 def _in_actor(drive: Drive, frame: int) -> bool:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ...errors import LogError, OutputError, what_is_missing
 from ...files import cache_folder, file_stamp, write_file
-from ...geometry import FloatArray, Trajectory, invert_pose, make_pose, quaternion_from_matrix
+from ...geometry import FloatArray, Trajectory, invert_pose, make_pose, quaternion_from_matrix, spread_indices
 from ...json_file import Node, read_json
 from ...world.drive import LidarModel
 from .beams import (
@@ -297,7 +297,7 @@ def _find(
     path: Path, files: KittiFiles, world_from_lidar: Trajectory | None, direction: int | None
 ) -> LidarCalibration:
     frames = sorted(files.sweeps)
-    chosen = sorted({frames[at] for at in np.linspace(0, len(frames) - 1, BEAM_SWEEPS).round().astype(int)})
+    chosen = [frames[at] for at in spread_indices(len(frames), BEAM_SWEEPS)]
     beams = find_beams([read_points(files.sweeps[frame]) for frame in chosen])
     if beams is None:
         raise LogError(

@@ -19,7 +19,7 @@ from ...data.log import Log
 from ...data.own_vehicle import Outline, find_outline, given_outline, joined, moved_frames
 from ...data.sweep_cells import known_rays
 from ...errors import LogError
-from ...geometry import BoolArray, FloatArray
+from ...geometry import BoolArray, FloatArray, spread_indices
 from ...ops.ray_segments import RayBatch
 from ...sensors.camera import camera_rays, rays_at_times
 from ...sensors.unprojection import has_direction
@@ -239,9 +239,7 @@ def _shown(
 
 def _spread(views: list[int], count: int) -> list[int]:
     """At most ``count`` of the views, evenly."""
-    return (
-        views if len(views) <= count else [views[i] for i in np.linspace(0, len(views) - 1, count).round().astype(int)]
-    )
+    return [views[i] for i in spread_indices(len(views), count)]
 
 
 def _patch_batch(
