@@ -16,7 +16,7 @@ from ..features.sensors import operators as sensors
 from ..features.sensors import rig_presets
 from ..features.simulation import operators as simulation
 from ..features.variants import operators as variants
-from ..process import background, interpreters
+from ..process import background, interpreters, preparation
 
 MODULES = (
     motion_properties,
@@ -32,6 +32,7 @@ MODULES = (
     rig_presets,
     points,
     background,
+    preparation,
     output,
     simulation,
     batch,

@@ -1,16 +1,26 @@
-"""Progress of the background task in the status bar."""
+"""Progress of the background task, and of preparing images, in the status bar."""
 
 import bpy
 
 from ..process.background import running
+from ..process.preparation import PREPARATION
+from ..translations import localized
 
 WIDTH = 16.0
 """In units of the interface: a sentence and its bar."""
 
 
 def draw_progress(self: bpy.types.Header, context: bpy.types.Context) -> None:
-    """Draw how far the background task is, and its Cancel button."""
+    """Draw how far the background task is and how far images are prepared, each with its Cancel button."""
     manager = context.window_manager
+    if PREPARATION.active or PREPARATION.stopped or PREPARATION.problem:
+        row = self.layout.row(align=True)
+        row.ui_units_x = WIDTH
+        row.progress(factor=PREPARATION.fraction, text=localized(PREPARATION.text))
+        if PREPARATION.active:
+            row.operator("unisim.stop_preparation", text="", icon="CANCEL")
+        else:
+            row.operator("unisim.resume_preparation", text="", icon="PLAY")
     if not running or not manager.unisim_task:
         return
     row = self.layout.row(align=True)
