@@ -18,11 +18,11 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 from compare import shown
 from hands import key, middle, to
-from session import ARCHIVE, MODULE, OUT, SCENE, area, inside, results, screenshot, start, until, view
+from session import MODULE, OUT, SCENE, area, inside, results, screenshot, start, until, view
 from tasks import arrived, install, task
 
 LOG = Path(os.path.normpath(SCENE.parent / json.loads(SCENE.read_text())["log"]["path"]))
-FIRST_S = float(os.environ.get("UNISIM_UI_FIRST_S", "20"))
+FIRST_S = float(os.environ.get("UNISIM_UI_FIRST_S", "60"))
 """Longest time to a first image."""
 FRAME = 5
 
@@ -84,7 +84,7 @@ def stopped() -> Iterator[float]:
     yield from until(lambda: shown().stands_in and not preparation().active, "Esc stops nothing", 10)
     yield 1.0
     share = preparation().share
-    screenshot("stopped")
+    screenshot("stopped_by_esc")
     yield 2.0
     assert preparation().share == share and shown().comparison.mode == "RECORDED"
     bpy.ops.unisim.resume_preparation()

@@ -327,7 +327,8 @@ class ViewportImage:
         """State of the view, in one line."""
         if self.problem:
             return self.problem
-        work = self.progress or (interface("Rendering") if self.pending else self.warning)
+        waits = localized(PREPARATION.text) if self.waits_for_surfels else ""
+        work = waits or self.progress or (interface("Rendering") if self.pending else self.warning)
         clipped = interface("Clipped to what was observed") if self.wanted is not None and self.wanted["clip"] else ""
         parts = (localized(self.comparison.sentence), localized(self.outside), work, clipped)
         return ". ".join(part for part in parts if part)
