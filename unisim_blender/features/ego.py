@@ -111,7 +111,8 @@ class UNISIM_PT_ego(DrivePanel, bpy.types.Panel):
     """The vehicle that recorded the drive"""
 
     bl_label = "Ego"
-    bl_order = 5
+    bl_order = 6
+    tasks = ("EDIT",)
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:

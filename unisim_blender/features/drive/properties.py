@@ -13,6 +13,8 @@ from bpy.props import (
     StringProperty,
 )
 
+from ..sidebar import switch_of
+
 KINDS = (
     ("NONE", "None", "Not part of a drive"),
     ("EGO", "Ego vehicle", "Vehicle that recorded the drive"),
@@ -163,10 +165,17 @@ class UniSimScene(bpy.types.PropertyGroup):
     )
     sequence_width: IntProperty(
         name="Width",
-        description="Image width of sequences in pixels; 0 for the width of each camera",
+        description="Image width of sequences in pixels",
         default=0,
         min=0,
+        soft_min=8,
         subtype="PIXEL",
+    )
+    has_sequence_width: switch_of(
+        "sequence_width",
+        lambda self: self.id_data.render.resolution_x,
+        "Set Width",
+        "Images of sequences have this width; while off, each camera has its own",
     )
     contact_shadows: BoolProperty(name="Contact shadows", description="Soft shadows under copied and inserted actors")
     show_ways: BoolProperty(

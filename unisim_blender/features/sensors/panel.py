@@ -128,7 +128,8 @@ class UNISIM_PT_sensors(DrivePanel, bpy.types.Panel):
     """Cameras and LiDARs of the drive"""
 
     bl_label = "Sensors"
-    bl_order = 6
+    bl_order = 5
+    tasks = ("VIEW", "EDIT")
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
