@@ -26,6 +26,7 @@ from unisim_blender.editing.sampled.source import scene_actors
 from unisim_blender.editing.simulation.rollouts import read_rollout
 from unisim_blender.editing.simulation.stated import count_steps
 from unisim_blender.features.simulation import panel as simulation
+from unisim_blender.features.simulation.operators import RolloutTask
 from unisim_blender.features.simulation.overlay import lines_now
 from unisim_blender.features.simulation.panel import rows_of
 from unisim_blender.features.simulation.properties import driver_of
@@ -198,7 +199,7 @@ def test_a_rollout_runs_and_is_resumed(street: Any, tmp_path: Path) -> None:
     street.unisim.quality, street.unisim.sequence_sensors, street.unisim.sequence_width = "fast", "CAMERA", 32
     assert bpy.ops.unisim.simulate() == {"FINISHED"}
     folder = tmp_path / "rollouts" / "Scene constant 1"
-    task = background.newest[0]
+    task = background.newest[RolloutTask]
     assert (task.folder, task.total, task.done, task.problem) == (folder, 2.0, 2.0, "")
     assert len(read_steps(folder)) == 3 and about.scored == str(folder)
     rows = rows_of(street, folder)

@@ -58,6 +58,7 @@ def task(name: str, todo: Callable[[], Iterator[float]]) -> Iterator[float]:
         "longest_block_s": round(heart.longest, 3),
         "ours_s": round(heart.ours_s(), 2),
         "within": dict(heart.within.most_common(4)),
+        "blocks": heart.blocks,
     }
     screenshot(name)
     if failed:

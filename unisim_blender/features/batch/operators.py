@@ -24,7 +24,7 @@ from ...editing.edits.variants import file_names
 from ...editing.simulation.menus import renderer_options
 from ...editing.simulation.stated import as_simulated
 from ...editing.simulation.sweeps import ScenarioField, fields_of, sweep_document, write_jobs
-from ...editing.texts import free_name
+from ...editing.texts import free_name, translatable
 from ...preferences import device, interpreter
 from ...process.background import launch
 from ...process.tasks import Task
@@ -43,6 +43,7 @@ class BatchTask(Task):
     Cancelled and submitted again, it goes on with the units that are missing.
     """
 
+    title = translatable("Batch")
     hears = True
 
     def __init__(self, arguments: list[str], folder: Path, out: str, chosen: str) -> None:

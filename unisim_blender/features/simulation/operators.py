@@ -20,6 +20,7 @@ from ...editing.sampled.clock import Clock
 from ...editing.simulation import stated
 from ...editing.simulation.menus import is_remote, renderer_options
 from ...editing.simulation.rollouts import count_steps, read_rollout, scenario_path, write_inputs
+from ...editing.texts import translatable
 from ...preferences import device, interpreter
 from ...process.background import launch
 from ...process.tasks import SequenceTask
@@ -33,6 +34,8 @@ from .properties import driver_of
 class RolloutTask(SequenceTask):
     """A rollout in its folder; ``total`` are its steps. Cancelled and started again, it goes on with the steps that are
     missing."""
+
+    title = translatable("Simulation")
 
     @property
     def done(self) -> float:
