@@ -97,7 +97,6 @@ def test_a_batch_of_a_parameter_is_rendered_and_resumed(moved: Any, tmp_path: Pa
     assert bpy.ops.unisim.submit_batch() == {"FINISHED"}
     task = background.newest[BatchTask]
     assert isinstance(task, BatchTask) and (task.problem, task.failed, task.fraction) == ("", 0, 1.0)
-    assert task.place == str(tmp_path / "batch")
     manifest = json.loads((tmp_path / "batch" / "manifest.json").read_bytes())
     values = [one["parameters"]["aside"] for one in manifest["variants"].values()]
     assert values == pytest.approx([parameter.start, parameter.start + 0.5], abs=1e-4) and manifest["unfinished"] == []
@@ -112,7 +111,7 @@ def test_a_batch_of_a_parameter_is_rendered_and_resumed(moved: Any, tmp_path: Pa
 
 
 def test_progress_counts_what_the_command_tells(addon: Any, tmp_path: Path) -> None:
-    task = BatchTask([], tmp_path, "out", "")
+    task = BatchTask([], tmp_path, "")
     assert (task.fraction, task.measure()) == (0.0, "Checking scenarios")
     for event in (
         {"event": "start", "units": 4, "kept": 1},

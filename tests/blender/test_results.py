@@ -83,18 +83,18 @@ def test_a_task_belongs_to_a_scene_of_a_file(street: Any, tmp_path: Path, monkey
     monkeypatch.setattr(task, "start", lambda: None)
     background.launch(task)
     background.watch()
-    assert drawn(first) == [("progress", "0 of 4 frames, starting"), ("cross", ""), ("label", str(tmp_path / "out"))]
-    assert drawn(first, TrainingTask) == []
+    assert drawn(first) == ("progress", "0 of 4 frames, starting", True)
+    assert drawn(first, TrainingTask) == ("progress", "No task", False)
     bpy.ops.wm.save_as_mainfile(filepath=file)  # the file has a name now, and the task is its own as before
     other = bpy.data.scenes.new("Other")
-    assert drawn(other) == [("label", "Sequence runs for Scene"), ("cross", "")]
+    assert drawn(other) == ("label", "Sequence runs for Scene", True)
     first.name = "Renamed"
-    assert drawn(first)[0][0] == "progress"
+    assert drawn(first)[0] == "progress"
     first.name = "Scene"
     bpy.context.window_manager.unisim_points = "a sweep of this file"
     bpy.ops.wm.read_factory_settings(use_empty=True)
     assert bpy.context.window_manager.unisim_points == ""
-    assert drawn(bpy.context.scene) == [("label", "Sequence runs for first.blend"), ("cross", "")]
+    assert drawn(bpy.context.scene) == ("label", "Sequence runs for first.blend", True)
     assert nothing_runs(bpy.context) == (False, "Sequence runs for first.blend: cancel it or wait until it ends")
     before = set(bpy.data.images)
     (tmp_path / "out/camera/front").mkdir(parents=True)
@@ -103,9 +103,9 @@ def test_a_task_belongs_to_a_scene_of_a_file(street: Any, tmp_path: Path, monkey
     assert set(bpy.data.images) == before  # what runs for another file leaves nothing in this one
     task.code = 0
     background.watch()
-    assert drawn(bpy.context.scene) == []
+    assert drawn(bpy.context.scene) == ("progress", "No task", False)
     bpy.ops.wm.open_mainfile(filepath=file)
-    assert drawn(bpy.data.scenes["Scene"])[0] == ("progress", "Done: 0 of 4 frames")
+    assert drawn(bpy.data.scenes["Scene"]) == ("progress", "Done: 0 of 4 frames", False)
     background.newest.clear()
 
 
@@ -123,15 +123,16 @@ def windowed(context: Any, data: Any) -> Any:
     return SimpleNamespace(app=app, context=context, data=data, path=bpy.path, msgbus=bpy.msgbus)
 
 
-def drawn(scene: bpy.types.Scene, kind: type[Task] = SequenceTask) -> list[tuple[str, str]]:
-    """What a panel draws of its task."""
+def drawn(scene: bpy.types.Scene, kind: type[Task] = SequenceTask) -> tuple[str, str, bool]:
+    """What a panel draws of its task: how, what, and whether the cross can be pressed."""
     said: list[tuple[str, str]] = []
-    layout = SimpleNamespace(
+    layout: Any = SimpleNamespace(
         row=lambda **_: layout,
         column=lambda **_: layout,
         label=lambda text, **_: said.append(("label", text)),
         progress=lambda text, **_: said.append(("progress", text)),
-        operator=lambda name, **_: said.append(("cross", "")),
+        operator=lambda name, **_: None,
     )
     draw_task(layout, scene, kind)
-    return said
+    (shown,) = said
+    return *shown, layout.enabled

@@ -10,11 +10,11 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
 from buttons import open_panel, press
-from hands import middle, to
+from hands import middle, sidebar, to
 from heart import heart
-from session import area, results, start, until, view, wait_for_image
-from simulate import prepared, told
-from tasks import imported, task
+from session import OUT, area, inside, results, screenshot, start, until, view, wait_for_image
+from simulate import prepared
+from tasks import empty_file, imported, open_file, save_file, task, told
 
 names: dict[str, str] = {}
 """Names of the scenes."""
@@ -51,6 +51,37 @@ def opened_again() -> Iterator[float]:
     results["scenes"] = [scene.name for scene in bpy.data.scenes]
 
 
+def other_file() -> Iterator[float]:
+    """A sequence runs: other panels, another scene and another file say whose it is."""
+    about = bpy.context.scene.unisim
+    about.out, about.quality, about.sequence_width, about.sequence_sensors = (
+        str(OUT.parent / "long"),
+        "fine",
+        1440,
+        "ALL",
+    )
+    bpy.context.scene.frame_end = 19
+    with inside(area("VIEW_3D")):
+        bpy.ops.unisim.render_sequence("INVOKE_DEFAULT")
+    yield from until(lambda: "frames" in told(), f"no progress is shown: {told()}", 60)
+    yield 3.0
+    screenshot("task_own")
+    save_file(OUT.parent / "street by night.blend")
+    empty_file()
+    yield 1.0
+    yield from sidebar()
+    yield 1.0
+    screenshot("task_other_file")
+    open_file(OUT.parent / "street by night.blend")
+    yield 1.0
+    yield from press("unisim.render_sequence()")
+    yield 1.5
+    screenshot("task_grey_button")
+    with inside(area("VIEW_3D")):
+        bpy.ops.unisim.cancel_task()
+    yield from until(lambda: told().startswith("Stopped at"), f"Cancel is not answered: {told()}", 60)
+
+
 def steps() -> Iterator[float]:
     """The session."""
     yield from imported()
@@ -58,6 +89,7 @@ def steps() -> Iterator[float]:
         ("rollouts_simulated", simulated),
         ("rollouts_opened", opened),
         ("rollouts_opened_again", opened_again),
+        ("rollouts_other_file", other_file),
     ):
         yield from task(name, todo)
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import bpy
 
-from ..process.background import is_own, newest, running, what_runs
+from ..process.background import is_own, newest, what_runs
 from ..process.tasks import Task
-from ..translations import localized
+from ..translations import interface, localized
 
 PROBLEM_WIDTH = 40
 """Of a line of the panel at its first width, in letters."""
@@ -47,27 +47,21 @@ def row_of(layout: Any, name: str, text: str, icon: str = "NONE") -> None:
 
 
 def draw_task(layout: Any, scene: bpy.types.Scene, kind: type[Task]) -> None:
-    """Draw how far a scene's newest task of a kind is, where its results are, and a cross that ends it; one that runs
-    for another file or scene is a line."""
+    """Draw how far a scene's newest task of a kind is, and a cross that ends it, in a row that is always there; where it
+    runs for another file or scene, for which."""
     task = newest.get(kind)
-    if task is None or not is_own(task, scene):
-        if task is not None and task.running:
-            draw_other_task(layout)
-        return
+    own = task is not None and is_own(task, scene)
     row = layout.row(align=True)
-    row.progress(factor=task.fraction_shown, text=task.line)
-    if task.running:
-        row.operator("unisim.cancel_task", text="", icon="CANCEL")
-    layout.label(text=task.place, translate=False, icon="FILE_FOLDER")
-    if task.problem:  # longer than a bar
+    if task is not None and task.running and not own:
+        row.label(text=localized(what_runs() or ""), translate=False, icon="TIME")
+    elif task is not None and own:
+        row.progress(factor=task.fraction_shown, text=task.line)
+    else:
+        row.progress(factor=0.0, text=interface("No task"))
+    cross = row.row(align=True)
+    cross.enabled = task is not None and task.running
+    cross.operator("unisim.cancel_task", text="", icon="CANCEL")
+    if task is not None and own and task.problem:  # longer than a bar
         lines = layout.column(align=True)
         for line in textwrap.wrap(task.problem, PROBLEM_WIDTH):
             lines.label(text=line, translate=False)
-
-
-def draw_other_task(layout: Any) -> None:
-    """Draw the task at hand, which belongs to another file or scene, and a cross that ends it."""
-    if running:
-        row = layout.row(align=True)
-        row.label(text=localized(what_runs() or ""), translate=False, icon="TIME")
-        row.operator("unisim.cancel_task", text="", icon="CANCEL")

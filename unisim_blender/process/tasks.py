@@ -68,11 +68,6 @@ class Task:
         threading.Thread(target=self._run, daemon=True).start()
 
     @property
-    def place(self) -> str:
-        """Location of its results, for people to read."""
-        return str(self.folder)
-
-    @property
     def running(self) -> bool:
         """Whether it goes on."""
         return self.code is None

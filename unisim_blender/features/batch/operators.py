@@ -38,7 +38,7 @@ from .properties import parameters_of
 
 
 class BatchTask(Task):
-    """Units of a batch, which the command line tells of as they end. ``out`` is the folder or URL that it writes to.
+    """Units of a batch, which the command line tells of as they end; its folder has the scenarios.
 
     Cancelled and submitted again, it goes on with the units that are missing.
     """
@@ -46,16 +46,10 @@ class BatchTask(Task):
     title = translatable("Batch")
     hears = True
 
-    def __init__(self, arguments: list[str], folder: Path, out: str, chosen: str) -> None:
+    def __init__(self, arguments: list[str], folder: Path, chosen: str) -> None:
         super().__init__(arguments, folder, 0.0, chosen)
-        self.out = out
         self.reused = self.finished = self.failed = 0
         """Units that an earlier run had finished, that this one has, and that failed."""
-
-    @property
-    def place(self) -> str:
-        """The folder or URL of the batch; `folder` has its scenarios."""
-        return self.out
 
     @property
     def done(self) -> float:
@@ -174,7 +168,7 @@ class UNISIM_OT_submit_batch(Simulates, bpy.types.Operator):
             read[names[variant.name]] = replace(scenario, name=variant.name, path=path)
         sweeps = {name: sweep_document(name, f"{name}.json", parameters, driver) for name in read} if parameters else {}
         jobs = yield from in_thread(lambda: write_jobs(read, sweeps, folder))
-        task = BatchTask(["batch", *map(str, jobs), *arguments], folder, place, interpreter())
+        task = BatchTask(["batch", *map(str, jobs), *arguments], folder, interpreter())
         launch(task)
         if bpy.app.background and task.problem:
             raise UnisimError(task.problem)

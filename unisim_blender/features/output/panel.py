@@ -7,7 +7,7 @@ from ...editing.reading.scenario import captures_words
 from ...process.background import running
 from ...process.tasks import SequenceTask
 from ...translations import interface, localized
-from ..sidebar import DrivePanel, Sidebar, draw_other_task, draw_task, settings_column
+from ..sidebar import DrivePanel, Sidebar, draw_task, settings_column
 from .operators import results_of
 
 
@@ -26,7 +26,7 @@ class UNISIM_PT_output(Sidebar, bpy.types.Panel):
         """Draw settings, what runs, and the export; in a file without a drive only what runs."""
         layout, about = self.layout, context.scene.unisim
         if not about.log:
-            draw_other_task(layout)
+            draw_task(layout, context.scene, type(running[0]))
             return
         column = settings_column(layout)
         column.prop(about, "out")
