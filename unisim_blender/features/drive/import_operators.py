@@ -18,7 +18,7 @@ from ...bridge.objects.imported import has_drive
 from ...bridge.views.rollouts import actor_names, keep_rollout, mark_rollout, scene_of_rollout
 from ...bridge.window import allowed, areas, object_mode
 from ...core.errors import UnisimError
-from ...core.formats.readers import READERS, suffixes
+from ...core.formats.readers import READERS, drive_in, suffixes
 from ...core.meshes.read import mesh_notes
 from ...core.model.scene_file import HEADER_NAME, read_scene_header
 from ...core.scenario import apply_scenario, load_scenario
@@ -139,9 +139,9 @@ class UNISIM_OT_import_log(_ImportDrive, bpy.types.Operator):
     filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
 
     def opening(self) -> Callable[[], DriveSource]:
-        """Open the log in the folder that was chosen."""
-        chosen = str(Path(self.filepath or self.directory))
-        return lambda: open_source(chosen, "")
+        """Open the log in the folder that was chosen, or the one drive that it has."""
+        chosen = Path(self.filepath or self.directory)
+        return lambda: open_source(str(drive_in(chosen)), "")
 
 
 class UNISIM_OT_import_scene(_ImportDrive, bpy.types.Operator):
