@@ -68,7 +68,7 @@ def test_what_drives_faster(street: Any) -> None:
     one = driving_car(street)
     before = graph().now.speed_m_s
     street.frame_set(0)
-    bpy.ops.unisim.retime_actor(mode="SPEED", speed=1.2)
+    bpy.ops.unisim.retime_actor(mode="SPEED", speed=1.2, braking="CUSTOM", deceleration_m_s2=1e3)
     found = graph()
     assert found.is_edited and found.recorded is not None
     assert found.now.speed_m_s[3:10] == pytest.approx(1.2 * before[3:10], rel=0.06)

@@ -41,6 +41,7 @@ SESSIONS = {
     "retimed": ["--enable-event-simulate"],
     "sequences": ["--enable-event-simulate"],
     "simulate": ["--enable-event-simulate"],
+    "rollouts": ["--enable-event-simulate"],
     "batches": ["--enable-event-simulate"],
     "panel": ["--enable-event-simulate"],
     "overview": ["--enable-event-simulate"],

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable
 from typing import Any
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty
 
-from ..translations import interface
+from ..process.background import is_own, newest, what_runs
+from ..process.tasks import Task
+from ..translations import interface, localized
 
 TASKS = (
     ("VIEW", "View", "What was recorded, and what of it the views show"),
@@ -16,6 +19,9 @@ TASKS = (
     ("SIMULATE", "Simulate", "A driver in the closed loop, its rollouts and scores"),
     ("RENDER", "Render", "Sequences of images and sweeps, variants, batches, and training"),
 )
+
+PROBLEM_WIDTH = 40
+"""Of a line of the panel at its first width, in letters."""
 
 
 class Sidebar:
@@ -95,6 +101,27 @@ def optional_row(layout: Any, name: str, otherwise: str, owner: Any, switch: str
 def text_row(layout: Any, otherwise: str, owner: Any, name: str) -> None:
     """Draw the field of a text, which says what holds while it is empty; before Blender 4.3 its tooltip says so."""
     layout.prop(owner, name, **({"placeholder": interface(otherwise)} if bpy.app.version >= (4, 3, 0) else {}))
+
+
+def draw_task(layout: Any, scene: bpy.types.Scene, kind: type[Task]) -> None:
+    """Draw how far a scene's newest task of a kind is, and a cross that ends it, in a row that is always there; where it
+    runs for another file or scene, for which."""
+    task = newest.get(kind)
+    own = task is not None and is_own(task, scene)
+    row = layout.row(align=True)
+    if task is not None and task.running and not own:
+        row.label(text=localized(what_runs() or ""), translate=False, icon="TIME")
+    elif task is not None and own:
+        row.progress(factor=task.fraction_shown, text=task.line)
+    else:
+        row.progress(factor=0.0, text=interface("No task"))
+    cross = row.row(align=True)
+    cross.enabled = task is not None and task.running
+    cross.operator("unisim.cancel_task", text="", icon="CANCEL")
+    if task is not None and own and task.problem:  # longer than a bar
+        lines = layout.column(align=True)
+        for line in textwrap.wrap(task.problem, PROBLEM_WIDTH):
+            lines.label(text=line, translate=False)
 
 
 CLASSES = (UNISIM_PT_tasks,)

@@ -23,6 +23,7 @@ from ...bridge.objects.trajectories import keyed_pose, trajectory_of
 from ...bridge.window import Need, allowed, object_mode, refresh, vehicle
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
+from ...editing.edits.lines import metres
 from ...editing.motion.keys import along_axis, on_plane, stepped
 from ...editing.motion.retiming import instant
 from ...editing.sampled.clock import Clock
@@ -159,7 +160,7 @@ class UNISIM_OT_drag_ego(Needing, Dragged, bpy.types.Operator):
     def said(self, context: bpy.types.Context) -> str:
         """Return what is done."""
         length = abs(self.left_m)
-        shift = Text("{length:.2f} m to the left" if self.left_m >= 0 else "{length:.2f} m to the right", length=length)
+        shift = Text("{length} to the left" if self.left_m >= 0 else "{length} to the right", length=metres(length))
         return Text("Shift ego lane: {shift}", shift=shift)
 
 
