@@ -56,7 +56,7 @@ def registered_texts() -> Iterator[str]:
             if kind in ("Operator", "Panel", "Menu"):
                 yield rna.name if kind == "Operator" else cls.bl_label
             if kind in ("Operator", "Menu"):
-                yield rna.description
+                yield rna.description if kind == "Operator" else cls.bl_description
             for name, prop in rna.properties.items():
                 if name in bpy.types.Operator.bl_rna.properties or name in bpy.types.PropertyGroup.bl_rna.properties:
                     continue

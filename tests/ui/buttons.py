@@ -298,7 +298,8 @@ def choose_task(tasks: tuple[str, ...]) -> Iterator[float]:
         return
     yield from to(region.x + 0.04 * region.width, region.y + region.height / 2)
     yield from scroll("HOME")
-    share, met = 0.04 + 0.86 * (TASKS.index(tasks[0]) + 0.5) / len(TASKS), {}
+    share = 0.04 + 0.86 * (TASKS.index(tasks[0]) + 0.5) / len(TASKS)
+    met: dict[str, list[Place]] = {}
     found_at.clear()
     yield from first_of(view()[0], "UI", ("unisim_panels",), (share,), met)
     yield from to(*found_at.pop())

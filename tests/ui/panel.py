@@ -34,7 +34,7 @@ def button_places(into: dict[str, Place]) -> Iterator[float]:
         yield from buttons(area("VIEW_3D"), "UI", found)
         into.update({f"{task_name} {name.split('(')[0]}": places[0] for name, places in found.items() if places})
         high = -round(tabs().view2d.region_to_view(0, 0)[1])
-        results.setdefault("sidebar_px", {})[task_name] = {"all": high, "seen_at_once": tabs().height}  # type: ignore[attr-defined]
+        results[f"sidebar_px {task_name}"] = {"all": high, "seen_at_once": tabs().height}
 
 
 def elsewhere(first: dict[str, Place], into: list[str]) -> Iterator[float]:

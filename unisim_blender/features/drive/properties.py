@@ -71,7 +71,7 @@ class UniSimObject(bpy.types.PropertyGroup):
     copy is called in a scenario is derived when the scenario is read."""
 
     # .blend files keep these under their names: `home` is the original name, `look` and `look_scene` the appearance
-    kind: EnumProperty(name="Kind", items=KINDS, default="NONE")
+    kind: EnumProperty(name="Kind", description="What of a drive the object stands for", items=KINDS, default="NONE")
     uid: StringProperty(name="Id", description="Identifier in the log or the scenario")
     home: StringProperty(name="Name", description="Name of the object when it was imported; copies have another name")
     look: StringProperty(name="Appearance", description="Actor whose appearance this object has; empty for its own")
@@ -109,10 +109,10 @@ class UniSimItem(bpy.types.PropertyGroup):
 class UniSimWarning(bpy.types.PropertyGroup):
     """A finding on the object ``name``, with place and time."""
 
-    frame: IntProperty(name="Frame")
+    frame: IntProperty(name="Frame", description="Frame at which it is found")
     time_s: FloatProperty(name="Time", description="Seconds of the log", unit="TIME_ABSOLUTE")
     place: FloatVectorProperty(name="Location", description="World location of the object at that time", size=3)
-    text: StringProperty(name="Warning")
+    text: StringProperty(name="Warning", description="What is implausible")
     text_parts: StringProperty(
         options={"HIDDEN"}
     )  # so that it can be told in other languages; "" in files of earlier versions
