@@ -19,6 +19,8 @@ ROW = 8
 """Distance of two looks, in pixels: a row of buttons is 20 pixels high."""
 HEADER = tuple(0.7 + 0.0125 * column for column in range(24))
 """Where the right part of a view's header is looked at, as shares of its width."""
+CROSS = 0.92
+"""Where the cross beside a progress bar is, as a share of the sidebar's width."""
 HEADER_HIGH = 20
 """Height of a row of buttons, in pixels."""
 

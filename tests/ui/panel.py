@@ -17,7 +17,7 @@ from displaced import select
 from hands import edits, key, middle, object_named, to, write
 from pixels import HEADLESS, Image, apart, grab, part, region_rectangle
 from session import MODULE, OUT, area, choose, redraw, results, screenshot, start, until, view, viewport_image
-from tasks import click_car, fresh, imported, keys, task, through_camera
+from tasks import click_car, fresh, imported, keys, task, through_camera, told
 
 
 def tabs() -> bpy.types.Region:
@@ -68,7 +68,7 @@ def steady_panel() -> Iterator[float]:
     first: dict[str, Place] = {}
     moved: list[str] = []
     yield from button_places(first)
-    assert {"unisim.replace_appearance", "end unisim.render_sequence", "end unisim.cancel_task"} <= set(first), first
+    assert {"unisim.replace_appearance", "end unisim.render_sequence"} <= set(first), first
 
     def nothing() -> Iterator[float]:
         yield from key("A", alt=True)
@@ -86,13 +86,13 @@ def steady_panel() -> Iterator[float]:
     def running() -> Iterator[float]:
         with bpy.context.temp_override(area=area("VIEW_3D")):
             bpy.ops.unisim.render_sequence("INVOKE_DEFAULT")
-        yield from until(lambda: "frames" in bpy.context.window_manager.unisim_task, "no sequence begins")
+        yield from until(lambda: "frames" in told(), "no sequence begins")
 
     def ended() -> Iterator[float]:
         if bpy.ops.unisim.cancel_task.poll():
             bpy.ops.unisim.cancel_task()
         yield from until(
-            lambda: bpy.context.window_manager.unisim_task.startswith(("Stopped", "Done")),
+            lambda: told().startswith(("Stopped", "Done")),
             "the sequence does not end",
             60,
         )

@@ -41,6 +41,7 @@ SESSIONS = {
     "placing": ["--enable-event-simulate"],
     "sequences": ["--enable-event-simulate"],
     "simulate": ["--enable-event-simulate"],
+    "rollouts": ["--enable-event-simulate"],
     "batches": ["--enable-event-simulate"],
     "panel": ["--enable-event-simulate"],
     "points": ["--enable-event-simulate"],

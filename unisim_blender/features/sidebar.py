@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import Any
 
 import bpy
+
+from ..process.background import is_own, newest, what_runs
+from ..process.tasks import Task
+from ..translations import interface, localized
+
+PROBLEM_WIDTH = 40
+"""Of a line of the panel at its first width, in letters."""
 
 
 class Sidebar:
@@ -36,3 +44,24 @@ def row_of(layout: Any, name: str, text: str, icon: str = "NONE") -> None:
     split = layout.split(factor=0.36)
     split.label(text=name, icon=icon)
     split.label(text=text or "–", translate=False)
+
+
+def draw_task(layout: Any, scene: bpy.types.Scene, kind: type[Task]) -> None:
+    """Draw how far a scene's newest task of a kind is, and a cross that ends it, in a row that is always there; where it
+    runs for another file or scene, for which."""
+    task = newest.get(kind)
+    own = task is not None and is_own(task, scene)
+    row = layout.row(align=True)
+    if task is not None and task.running and not own:
+        row.label(text=localized(what_runs() or ""), translate=False, icon="TIME")
+    elif task is not None and own:
+        row.progress(factor=task.fraction_shown, text=task.line)
+    else:
+        row.progress(factor=0.0, text=interface("No task"))
+    cross = row.row(align=True)
+    cross.enabled = task is not None and task.running
+    cross.operator("unisim.cancel_task", text="", icon="CANCEL")
+    if task is not None and own and task.problem:  # longer than a bar
+        lines = layout.column(align=True)
+        for line in textwrap.wrap(task.problem, PROBLEM_WIDTH):
+            lines.label(text=line, translate=False)

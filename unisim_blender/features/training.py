@@ -12,7 +12,7 @@ from ..preferences import device, interpreter
 from ..process.background import curve_icon, launch
 from ..process.tasks import TrainingTask
 from .operator_bases import Needing, nothing_runs, reporting
-from .sidebar import DrivePanel
+from .sidebar import DrivePanel, draw_task
 
 PREVIEW_S = 30.0
 """Between two previews, or longer where they would cost too much."""
@@ -74,6 +74,7 @@ class UNISIM_PT_training(DrivePanel, bpy.types.Panel):
         layout = self.layout
         layout.operator("unisim.train", icon="MODIFIER")
         layout.operator("unisim.make_library", icon="ASSET_MANAGER")
+        draw_task(layout, context.scene, TrainingTask)
         curve = curve_icon()
         if curve is not None:
             layout.template_icon(curve, scale=12.0)

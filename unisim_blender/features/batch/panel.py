@@ -8,10 +8,9 @@ import bpy
 
 from ...bridge.changes.variants import variants_of
 from ...translations import interface
-from ..output.panel import draw_task
-from ..sidebar import DrivePanel, settings_column
+from ..sidebar import DrivePanel, draw_task, settings_column
 from ..simulation.properties import driver_of
-from .operators import count_of
+from .operators import BatchTask, count_of
 
 
 class UNISIM_PT_batch(DrivePanel, bpy.types.Panel):
@@ -43,7 +42,7 @@ class UNISIM_PT_batch(DrivePanel, bpy.types.Panel):
         column.prop(about, "out")
         layout.label(text=interface("Scenarios: {count}", count=count_of(scene)), translate=False, icon="COPYDOWN")
         layout.operator("unisim.submit_batch", icon="PLAY")
-        draw_task(layout, context.window_manager)
+        draw_task(layout, scene, BatchTask)
         layout.operator("unisim.open_report", icon="URL")
 
 

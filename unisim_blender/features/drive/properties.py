@@ -220,8 +220,6 @@ PROPERTIES = (
     (bpy.types.Scene, "unisim", PointerProperty(type=UniSimScene)),
     (bpy.types.Scene, "unisim_check", PointerProperty(type=UniSimCheck)),
     (bpy.types.WindowManager, "unisim_renderer", StringProperty(description="Result of the last test of the renderer")),
-    (bpy.types.WindowManager, "unisim_task", StringProperty(description="Progress of the background task")),
-    (bpy.types.WindowManager, "unisim_progress", FloatProperty(subtype="FACTOR", min=0.0, max=1.0)),
     (
         bpy.types.WindowManager,
         "unisim_points",

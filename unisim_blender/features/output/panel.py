@@ -1,18 +1,14 @@
 """Panel Output, and where quality stands beside them: Render Properties and the view's header."""
 
-import textwrap
-
 import bpy
 
 from ...bridge.objects.settings import captures_stated
 from ...editing.reading.scenario import captures_words
-from ...process.background import newest, owner
+from ...process.background import running
+from ...process.tasks import SequenceTask
 from ...translations import interface, localized
-from ..sidebar import DrivePanel, Sidebar, settings_column
+from ..sidebar import DrivePanel, Sidebar, draw_task, settings_column
 from .operators import results_of
-
-PROBLEM_WIDTH = 40
-"""Of a line of the panel at its first width, in letters."""
 
 
 class UNISIM_PT_output(Sidebar, bpy.types.Panel):
@@ -23,14 +19,14 @@ class UNISIM_PT_output(Sidebar, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there, or a task that was begun in another file."""
-        return bool(context.scene.unisim.log or newest)
+        """A drive has to be there, or a task that runs for another file."""
+        return bool(context.scene.unisim.log or running)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw settings, what runs, and the export; in a file without a drive only what runs."""
         layout, about = self.layout, context.scene.unisim
         if not about.log:
-            draw_task(layout, context.window_manager)
+            draw_task(layout, context.scene, type(running[0]))
             return
         column = settings_column(layout)
         column.prop(about, "out")
@@ -39,7 +35,7 @@ class UNISIM_PT_output(Sidebar, bpy.types.Panel):
         column.prop(about, "quality")
         draw_captures(layout, context.scene)
         layout.operator("unisim.render_sequence", icon="RENDER_ANIMATION")
-        draw_task(layout, context.window_manager)
+        draw_task(layout, context.scene, SequenceTask)
         draw_results(layout, context)
         layout.operator("unisim.export_scenario", icon="EXPORT")
 
@@ -71,17 +67,6 @@ class UNISIM_PT_passes(DrivePanel, bpy.types.Panel):
         column.prop(about, "opacity_pass")
         column.prop(about, "contact_shadows")
         column.prop(about, "clip_render")
-
-
-def draw_task(layout: bpy.types.UILayout, manager: bpy.types.WindowManager) -> None:
-    """Draw how far the task is that runs, and what ends it."""
-    layout.progress(factor=manager.unisim_progress, text=manager.unisim_task or interface("No task"))
-    layout.label(text=owner() or "–", translate=False, icon="FILE_FOLDER")
-    if newest and newest[0].problem:  # longer than a bar
-        lines = layout.column(align=True)
-        for line in textwrap.wrap(newest[0].problem, PROBLEM_WIDTH):
-            lines.label(text=line, translate=False)
-    layout.operator("unisim.cancel_task", icon="CANCEL")
 
 
 def draw_results(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

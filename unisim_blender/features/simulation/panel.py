@@ -15,9 +15,8 @@ from ...editing.simulation import stated
 from ...editing.simulation.menus import OWN, is_remote
 from ...editing.simulation.rollouts import SCORES, ScoreRow, read_scores, score_rows
 from ...translations import interface, localized
-from ..output.panel import draw_task
-from ..sidebar import DrivePanel, settings_column
-from .operators import active_actor
+from ..sidebar import DrivePanel, draw_task, settings_column
+from .operators import RolloutTask, active_actor
 from .properties import KINDS
 
 MOST = 20
@@ -67,7 +66,7 @@ class UNISIM_PT_simulation(DrivePanel, bpy.types.Panel):
         column = layout.column(align=True)
         column.operator("unisim.simulate", icon="PLAY")
         column.operator("unisim.drive_on", icon="TRACKING_FORWARDS_SINGLE")
-        draw_task(layout, context.window_manager)
+        draw_task(layout, scene, RolloutTask)
 
 
 class UNISIM_PT_random_starts(DrivePanel, bpy.types.Panel):
