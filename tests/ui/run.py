@@ -39,6 +39,7 @@ SESSIONS = {
     "variants": ["--enable-event-simulate"],
     "displaced": ["--enable-event-simulate"],
     "retimed": ["--enable-event-simulate"],
+    "placing": ["--enable-event-simulate"],
     "sequences": ["--enable-event-simulate"],
     "simulate": ["--enable-event-simulate"],
     "rollouts": ["--enable-event-simulate"],
