@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import driving_car, edited, imported, read, select
+from helpers import driving_car, edited, read
 
 from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.sampling.stepping import sample_all
