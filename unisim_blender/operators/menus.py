@@ -35,6 +35,7 @@ class UNISIM_MT_object(bpy.types.Menu):
         layout.operator_menu_enum("unisim.duplicate_actor", "where")
         layout.operator("unisim.delete_actor")
         layout.operator("unisim.replace_appearance")
+        layout.operator_menu_enum("unisim.swap_class", "group")
         layout.operator_menu_enum("unisim.retime_actor", "mode")
         layout.operator("unisim.shift_actor")
         layout.operator("unisim.follow_curve")

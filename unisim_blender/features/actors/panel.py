@@ -84,6 +84,7 @@ class UNISIM_PT_actor(DrivePanel, bpy.types.Panel):
         column.operator("unisim.follow_curve", icon="CURVE_PATH")
         column.operator("unisim.snap_to_ground", icon="SNAP_FACE")
         column.operator("unisim.replace_appearance", icon="FILE_REFRESH")
+        column.operator_menu_enum("unisim.swap_class", "group", icon="MOD_INSTANCE")
 
 
 class UNISIM_PT_insert(DrivePanel, bpy.types.Panel):

@@ -317,7 +317,7 @@ class UNISIM_OT_drag_speed(Needing, Dragged, bpy.types.Operator):
     def said(self, context: bpy.types.Context) -> str:
         """Return what is done, and how hard it brakes or speeds up around it."""
         clock = Clock.of(source_of(context.scene).drive)
-        words = [Text("{speed} at {time}", speed=kmh(self.speed_m_s), time=instant(self.time_s, clock))]
+        words: list[str] = [Text("{speed} at {time}", speed=kmh(self.speed_m_s), time=instant(self.time_s, clock))]
         graph = graph_of(context)
         if graph is not None:
             near = np.abs(clock.times_s - self.time_s) <= self.reach_s
