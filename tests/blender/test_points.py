@@ -42,10 +42,10 @@ def test_a_simulated_sweep_stands_in_the_world(street: Any) -> None:
     assert not list(imported_objects(street, "POINTS"))
 
 
-def sweep(kind: str, count: int = 3, lidar: str = "lidar", **values: Any) -> SweepPoints:
+def sweep(kind: str, count: Any = 3, **values: Any) -> SweepPoints:
     """Points at 1 m, 2 m, ... ahead, with some attributes."""
     points = np.arange(1.0, count + 1)[:, None] * [1.0, 0.0, 0.0]
-    return SweepPoints(lidar, kind, points, {name: np.asarray(value) for name, value in values.items()})
+    return SweepPoints("lidar", kind, points, {name: np.asarray(value) for name, value in values.items()})
 
 
 def test_a_sweep_is_the_same_after_it_was_put_into_a_mesh(street: Any) -> None:
@@ -100,7 +100,10 @@ def test_points_are_coloured_again_only_when_something_changed(street: Any) -> N
 
 def test_dropped_beams_are_shown_on_request(street: Any) -> None:
     street.frame_set(5)
-    kinds = lambda: {kind_of(one) for one in imported_objects(street, "POINTS")}  # noqa: E731
+
+    def kinds() -> set[str]:
+        return {kind_of(one) for one in imported_objects(street, "POINTS")}
+
     assert bpy.ops.unisim.show_points(recorded=True, simulated=False) == {"FINISHED"}
     assert kinds() == {RECORDED} and not street.unisim.show_drops
     assert bpy.ops.unisim.show_points(recorded=True, simulated=True, drops=True) == {"FINISHED"}

@@ -78,10 +78,10 @@ def test_differences_are_white_at_none_and_beams_of_one_sweep_have_its_colour() 
 
 
 def test_an_actor_has_one_colour_in_both_sweeps_and_the_legend_names_its_class() -> None:
-    values = {"class": np.array([1, 1, 0, 2]), "instance": np.array([4, 9, 0, 8])}
+    values = {"class": np.array([1, 1, 0, 2]), "instance": np.array([5, 9, 0, 8])}
     one = SweepPoints("lidar", RECORDED, np.zeros((4, 3)), values, ("Car", "Pedestrian"))
     other = SweepPoints(
-        "lidar", SIMULATED, np.zeros((1, 3)), {"class": np.array([1]), "instance": np.array([4])}, ("Car",)
+        "lidar", SIMULATED, np.zeros((1, 3)), {"class": np.array([1]), "instance": np.array([5])}, ("Car",)
     )
     (recorded, simulated), legend = coloured([one, other], "INSTANCE")
     assert rgb(recorded)[0] == rgb(simulated)[0] == pytest.approx(list(point_colour("Car")), abs=1e-4)
