@@ -193,7 +193,10 @@ def test_a_broken_log_is_one_sentence_and_what_was_written_stays(
     with pytest.raises(UnisimError, match=r"02\.pkl\.gz"):
         converted(broken, "nuscenes", tmp_path / "out")
     assert not (tmp_path / "out").exists() and not list(tmp_path.rglob("*.partial"))
-    for path, about in ((tmp_path / "none", "there is no such log"), (tmp_path, "is no recorded drive")):
+    for path, about in (
+        (tmp_path / "none", "there is no such log"),
+        (tmp_path / "broken/meta", "is no recorded drive"),
+    ):
         assert run(["convert", str(path), "--to", "kitti", "--out", str(tmp_path / "other")]) == 1
         assert about in capsys.readouterr().err
     image = broken / "camera/front_camera/01.jpg"

@@ -10,8 +10,10 @@ and its name in `OWN`. Another distribution registers a reader in its pyproject.
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Collection, Mapping
+from itertools import islice
 from pathlib import Path
 from typing import Protocol
 
@@ -63,8 +65,10 @@ READERS: Registry[Reader] = Registry(
 )
 """The registered readers by their names: `readers.py` registers the package's own."""
 register = READERS.register
-LOOKED_INTO = 100
-"""Largest number of folders that are searched for logs in a folder that is no log."""
+SEARCH_DEPTH, SEARCHED_FOLDERS, LISTED_ENTRIES = 2, 500, 20_000
+"""Bounds on the search for drives in a folder that is none: levels below it, folders looked at, entries listed of one."""
+NAMED_DRIVES = 3
+"""Largest number of drives that a message names."""
 OWN: tuple[Reader, ...] = (
     Argoverse2Reader(),
     KittiReader(),
@@ -101,20 +105,13 @@ def _recognises(reader: Reader, path: Path) -> bool:
 
 @memoized
 def open_log(path: Path | str) -> Log:
-    """Open the recorded drive at ``path`` with the reader that recognises it.
+    """Open the recorded drive at ``path``, or the one drive in that folder, with the reader that recognises it.
 
-    Raises `LogError` where there is none that can be read.
+    Raises `LogError` where there is none that can be read, or several.
     """
-    path = Path(path)
-    if not path.exists():
-        raise LogError(f"{path}: there is no such log")
+    path = drive_in(Path(path))
     reader = reader_of(path)
-    if reader is None:
-        inside = next((folder for folder in _folders(path) if reader_of(folder) is not None), None)
-        if inside is not None:
-            raise LogError(f"{path}: is no recorded drive itself; name one of those in it, as {inside}")
-        known = "; ".join(reader.layout for reader in READERS.with_plugins().values())
-        raise LogError(f"{path}: is no recorded drive in a layout that is known ({known})")
+    assert reader is not None
     try:
         log = reader.open(path)
     except TrajectoryError as error:
@@ -123,10 +120,46 @@ def open_log(path: Path | str) -> Log:
     return log
 
 
+def drive_in(path: Path) -> Path:
+    """Return ``path`` where it is a recorded drive, else the one drive in that folder. Raises `LogError` that names the
+    drives where it has several."""
+    if not path.exists():
+        raise LogError(f"{path}: there is no such log")
+    drives = drives_in(path)
+    if not drives:
+        known = "; ".join(reader.layout for reader in READERS.with_plugins().values())
+        raise LogError(f"{path}: is no recorded drive in a layout that is known ({known})")
+    if len(drives) > 1:
+        names = ", ".join(drive.relative_to(path).as_posix() for drive in drives[:NAMED_DRIVES])
+        more = f" and {len(drives) - NAMED_DRIVES} more" if len(drives) > NAMED_DRIVES else ""
+        raise LogError(f"{path}: has several recorded drives; choose one: {names}{more}")
+    return drives[0]
+
+
+def drives_in(path: Path) -> list[Path]:
+    """Return the recorded drives in a folder, by name: itself where it is one, else those up to two levels below. Folders that
+    `unisim render` wrote are none. Of a folder with very many entries only a part is searched."""
+    if reader_of(path) is not None:
+        return [path]
+    drives: list[Path] = []
+    level, left = [path], SEARCHED_FOLDERS
+    for _ in range(SEARCH_DEPTH):
+        folders = [folder for parent in level for folder in _folders(parent)][:left]
+        left -= len(folders)
+        level = []
+        for folder in folders:
+            if (folder / "drive.json").is_file():  # rendered frames, which lie as PandaSet's do
+                continue
+            (level if reader_of(folder) is None else drives).append(folder)
+    return sorted(drives)
+
+
 def _folders(path: Path) -> list[Path]:
-    """Some folders in a folder, by name."""
+    """Return the folders in a folder that are not hidden, by name; none where it cannot be read."""
     try:
-        return sorted(entry for entry in path.iterdir() if entry.is_dir())[:LOOKED_INTO] if path.is_dir() else []
+        with os.scandir(path) as entries:
+            listed = islice(entries, LISTED_ENTRIES)
+            return sorted(path / entry.name for entry in listed if entry.name[0] != "." and entry.is_dir())
     except OSError:
         return []
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from ..data.log import Log
 from ..errors import LogError, ScenarioError, SceneError, UnisimError
-from ..formats.readers import DRIVE, open_log, reader_of
+from ..formats.readers import DRIVE, drive_in, open_log, reader_of
 from ..json_file import read_json
 from ..memo import memoized
 from ..model.scene_file import HEADER_NAME, read_scene_header
@@ -70,7 +70,9 @@ def scenario_at(path: Path | str, scenes: OpenScenes | None = None) -> Scenario:
         return scenario_from_json(document, path)
     if (path / HEADER_NAME).is_file():
         return _of_scene((scenes or OpenScenes()).open(path))
-    return _of_log(path) if path.is_dir() or reader_of(path) is not None else load_scenario(path)
+    if path.is_dir() or reader_of(path) is not None:
+        return _of_log(drive_in(path))
+    return load_scenario(path)
 
 
 def _document(path: Path) -> dict[str, Any] | None:

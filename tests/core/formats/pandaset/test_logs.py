@@ -22,13 +22,15 @@ from unisim_blender.core.data.log import Sweep
 from unisim_blender.core.data.splits import PANDASET, SPLITS
 from unisim_blender.core.data.sweep_cells import find_cells, make_grid
 from unisim_blender.core.errors import LogError
+from unisim_blender.core.formats import readers
 from unisim_blender.core.formats.common.box_tracks import passing_times
 from unisim_blender.core.formats.common.file_log import ranges
 from unisim_blender.core.formats.pandaset.safe_pickle import read_table
 from unisim_blender.core.formats.pandaset.sensors import pandar64
 from unisim_blender.core.formats.pandaset.write import write_table
-from unisim_blender.core.formats.readers import open_log
+from unisim_blender.core.formats.readers import SEARCHED_FOLDERS, drives_in, open_log
 from unisim_blender.core.geometry import Trajectory, quaternion_from_yaw
+from unisim_blender.core.prepare.scenario import scenario_at
 from unisim_blender.core.sensors.lidar import beam_directions, column_times
 from unisim_blender.core.world.drive import Lidar, RollingShutter
 
@@ -259,11 +261,32 @@ def test_what_is_no_log_is_said_so(tmp_path: Path) -> None:
             open_log(path)
 
 
-def test_a_folder_of_logs_names_one_of_them(log_path: Path) -> None:
+def test_the_one_drive_in_a_folder_is_opened(original: Path, tmp_path: Path) -> None:
+    """Up to two levels above it, beside folders that are none, hidden ones and rendered frames."""
+    for name in ("bend", ".trash", "frames"):
+        shutil.copytree(original, tmp_path / "day" / name)
+    (tmp_path / "day" / "frames" / "drive.json").write_text("{}")
+    (tmp_path / "notes").mkdir()
+    for path in (tmp_path / "day", tmp_path):
+        assert open_log(path).path == scenario_at(path).log_path == tmp_path / "day" / "bend"
+
+
+def test_a_folder_of_several_drives_names_some(original: Path, tmp_path: Path) -> None:
     """A dataset's own folder, or a day's."""
-    (log_path.parent / "a").mkdir()
-    with pytest.raises(LogError, match=r"is no recorded drive itself; name one of those in it, as .*/bend$"):
-        open_log(log_path.parent)
+    for name in ("bend", *(f"day/{number:03d}" for number in range(4))):
+        shutil.copytree(original, tmp_path / name)
+    with pytest.raises(LogError, match=r"several recorded drives; choose one: bend, day/000, day/001 and 2 more$"):
+        open_log(tmp_path)
+
+
+def test_the_search_for_drives_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Path] = []
+    monkeypatch.setattr(readers, "reader_of", asked.append)
+    for number in range(30):
+        for inner in range(30):
+            (tmp_path / f"{number:02d}" / f"{inner:02d}" / "deep").mkdir(parents=True)
+    assert drives_in(tmp_path) == [] and len(asked) == 1 + SEARCHED_FOLDERS
+    assert all(len(path.relative_to(tmp_path).parts) <= 2 for path in asked)
 
 
 def test_reading_needs_numpy_alone(original: Path) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 from ...data.log import Log
 from ...errors import LogError, UnisimError, short
 from ...files import holds_out, write_file
-from ...formats.readers import open_log
+from ...formats.readers import drive_in, open_log
 from ...json_file import Node, json_bytes, read_json
 from ...prepare.selection import camera_ahead, check_names
 from ...render.code_identity import code_identity
@@ -43,7 +43,9 @@ def compare(
         options = replace(options, cameras=(ahead,))
     check_names("camera", options.cameras, [c for c in log.drive.cameras if log.image_frames(c)])
     inception = None if options.fid is None else Inception(options.fid)
-    context = ComparisonContext(log, known_log(log_path), out, options, perceptual_metric(options.lpips), inception)
+    context = ComparisonContext(
+        log, known_log(drive_in(log_path)), out, options, perceptual_metric(options.lpips), inception
+    )
     cases = cases_of(log, context.known, out, options)
     about = _about(context, cases)
     rows = _earlier(out / ROWS, about)
