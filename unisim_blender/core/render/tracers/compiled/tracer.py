@@ -144,6 +144,7 @@ class CompiledBackend:
         self.scene, self.others = scene, dict(others or {})
         self.quality = quality
         self.parked: Mapping[str, Box] = scene.header.parked
+        self.recorded_actors: Mapping[str, Actor] | None = scene.header.drive.actors
         self.space: ObservedSpace | None = None
         self.clipped = False
 

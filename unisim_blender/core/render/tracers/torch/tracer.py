@@ -92,6 +92,7 @@ class TorchBackend:
             path: None if m.config.actors == "none" else tuple(m.actor_ids) for path, (m, _) in self.scenes.items()
         }
         self.parked: Mapping[str, Box] = scene.header.parked
+        self.recorded_actors: Mapping[str, Actor] | None = scene.header.drive.actors
         self.space: ObservedSpace | None = None
         self.clipped = False
 
