@@ -90,7 +90,8 @@ class UNISIM_OT_check(Needing, AtOnce, bpy.types.Operator):
         else:
             sampled = yield from sampled_in_steps(scene, clock)
             warnings = yield from in_thread(lambda: list(warnings_of(sampled, drive, limits, is_trained)))
-        check.shadows = packed(shadow_note(sampled, drive, is_trained))
+        note = shadow_note(sampled, drive, is_trained)
+        check.shadows.text, check.shadows.text_parts = note, packed(note)
         check.warnings.clear()
         for warning in warnings:
             item = check.warnings.add()
@@ -156,9 +157,9 @@ class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
             self.layout.label(text=text, translate=False, icon="ERROR")
         column = self.layout.column(align=True)
         column.active = not outdated
-        if check.shadows:
-            room = room_of(context)
-            for text in wrapped(localized(unpacked(check.shadows, "")), room.below, room.below, room.width_of):
+        if check.shadows.text:
+            room, note = room_of(context), localized(unpacked(check.shadows.text_parts, check.shadows.text))
+            for text in wrapped(note, room.below, room.below, room.width_of):
                 column.label(text=text, translate=False)
         for warning in check.warnings:
             text = f"{localized(instant_of(warning.time_s, warning.frame))}  {warning.name}"

@@ -136,7 +136,8 @@ def test_an_image_that_comes_in_bands_survives_another_state(
 class Counting:
     """A backend that counts how often it is bound."""
 
-    sees_all, recorded_actors = False, None
+    sees_all = False
+    recorded_actors: Mapping[str, Actor] | None = None
 
     def __init__(self, backend: Backend) -> None:
         self.backend, self.quality, self.parked = backend, backend.quality, backend.parked

@@ -129,8 +129,8 @@ class UniSimCheck(bpy.types.PropertyGroup):
         name="State", description="Digest of the edits that were checked; empty before the first check"
     )
     checked: StringProperty(name="Checked", description="Local date and time of the check")
-    shadows: StringProperty(
-        name="Shadows", description="What becomes of the recorded shadows of edited actors, as JSON"
+    shadows: PointerProperty(
+        type=UniSimWarning, name="Shadows", description="What becomes of the recorded shadows of edited actors"
     )
 
 
