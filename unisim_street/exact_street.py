@@ -134,7 +134,6 @@ class StreetBackend:
     parked: Mapping[str, Box] = field(default_factory=dict)
     """None: nothing is missing where a parked car was."""
     sees_all: bool = False
-    recorded_actors: Mapping[str, Actor] | None = None
 
     def bind(self, state: WorldState) -> StreetTracer:
         """See `Backend.bind`. Raises `ScenarioError` for actors that the street does not have."""

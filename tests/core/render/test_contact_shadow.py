@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tiny_drive import tiny_drive
@@ -94,7 +95,7 @@ def test_only_the_ground_of_moved_actors_fades() -> None:
     """On the sample's scene: an unedited drive has its bytes, a moved car fades where it is as low as the road."""
     scene = open_scene(Path(__file__).parents[3] / "sample" / "scene")
     drive, uid, frame = scene.header.drive, "car-03", 15
-    backend = load_backend(scene)
+    backend: Any = load_backend(scene)
 
     def image(shown: Drive, recorded: dict[str, Actor] | None) -> CameraFrame:
         backend.recorded_actors = recorded

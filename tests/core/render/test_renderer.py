@@ -137,7 +137,6 @@ class Counting:
     """A backend that counts how often it is bound."""
 
     sees_all = False
-    recorded_actors: Mapping[str, Actor] | None = None
 
     def __init__(self, backend: Backend) -> None:
         self.backend, self.quality, self.parked = backend, backend.quality, backend.parked

@@ -32,7 +32,7 @@ LOWER_PART = -0.25
 """Height in an actor's box, relative to its size, from which on nothing is ground."""
 GROUND_M, ABOVE_GROUND_M = 0.03, 0.08
 """Heights above the ground, metres, up to which an actor's surface fades as its ground, and from which on not at all."""
-MIN_MOVED_M, MIN_TURNED_RAD = 0.05, 0.01
+MIN_MOVED_M, MIN_TURNED_RAD = 1e-4, 1e-5
 """Least displacement of an actor that counts as moved."""
 
 
@@ -74,17 +74,18 @@ def displaced(state: WorldState, recorded: Mapping[str, Actor] | None) -> list[A
     recorded ground."""
     if recorded is None:
         return []
-    time_s = (state.start_s + state.end_s) / 2
+    times_s = np.array([state.start_s, state.end_s])
     trained = (actor for actor in state.actors if not actor.appearance.mesh)
-    return [actor for actor in trained if not _is_recorded(actor, recorded.get(actor.uid), time_s)]
+    return [actor for actor in trained if not _is_recorded(actor, recorded.get(actor.uid), times_s)]
 
 
-def _is_recorded(actor: Actor, recorded: Actor | None, time_s: float) -> bool:
+def _is_recorded(actor: Actor, recorded: Actor | None, times_s: FloatArray) -> bool:
     if recorded is None or actor.appearance != recorded.appearance or actor.is_scaled:
         return False
-    here, there = actor.world_from_actor.at(time_s), recorded.world_from_actor.at(time_s)
-    turned = np.arccos(np.clip((np.trace(here[:3, :3].T @ there[:3, :3]) - 1) / 2, -1, 1))
-    return bool(np.linalg.norm(here[:3, 3] - there[:3, 3]) < MIN_MOVED_M and turned < MIN_TURNED_RAD)
+    # at both ends: one that stands is displaced while the recorded one passes it
+    here, there = (one.world_from_actor.at(times_s) for one in (actor, recorded))
+    apart = np.abs(here - there)
+    return bool(apart[:, :3, 3].max() < MIN_MOVED_M and apart[:, :3, :3].max() < MIN_TURNED_RAD)
 
 
 def faded(
@@ -112,8 +113,8 @@ def faded(
         mine, local = mine[low], local[low]
         source, places = recorded.get(actor.appearance.actor), points[mine]
         if source is not None and not actor.appearance.scene:
-            at_s = np.clip(actor.start_s, source.start_s, source.end_s)
-            places = transform_points(source.world_from_actor.at(at_s), local / np.array(actor.scale))
+            # at one time: what stands must look the same at all times
+            places = transform_points(source.world_from_actor.at(source.start_s), local / np.array(actor.scale))
         above = heights(places)
         inside = np.clip((actor.size_m[:2] / 2 - np.abs(local[:, :2])).min(1) / FADE_M, 0, 1)
         share = np.clip((ABOVE_GROUND_M - above) / (ABOVE_GROUND_M - GROUND_M), 0, 1)

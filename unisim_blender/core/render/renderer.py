@@ -205,9 +205,10 @@ class Renderer:
 
     def _expose(self, state: WorldState, camera: Camera, time_s: float, passes: Sequence[str]) -> _Exposure:
         shadowing, tracer = self._shadowing(state, camera), self.tracer(state)
+        recorded = getattr(self.backend, "recorded_actors", None)  # trained scenes have it
         moved = {
             tracer.active.uids.index(actor.uid) + 1: actor
-            for actor in displaced(state, self.backend.recorded_actors)
+            for actor in displaced(state, recorded)
             if actor.uid in tracer.active.uids
         }
         needed = _needed(passes, bool(shadowing or moved))
@@ -322,7 +323,7 @@ class Renderer:
         (h, w) and flat rays."""
         depth = np.where(np.isfinite(maps["depth"]), maps["depth"], 0.0).astype(np.float64)
         points = rays.origins + rays.directions * depth[:, None]
-        recorded = self.backend.recorded_actors or {}
+        recorded = getattr(self.backend, "recorded_actors", None) or {}
         share = faded(points, rays.time_s, maps["instance"], exposure.displaced, recorded, exposure.tracer.heights)
         some = np.flatnonzero(share)
         if not len(some):

@@ -148,8 +148,6 @@ class Backend(Protocol):
     """Boxes of actors that stood still throughout the recording, by their ids: the static field does not hold them."""
     sees_all: bool
     """Whether a frame depends on actors out of its view."""
-    recorded_actors: Mapping[str, Actor] | None
-    """Actors as they were recorded, by their ids, where they have the recorded ground in their boxes; else None."""
 
     def bind(self, state: WorldState) -> Tracer[Any]:
         """Return the tracer of the scene in this state. Raises `SceneError` for actors that no scene holds."""

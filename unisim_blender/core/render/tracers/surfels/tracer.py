@@ -34,7 +34,6 @@ class SurfelBackend:
     they were made of."""
 
     sees_all = False
-    recorded_actors: Mapping[str, Actor] | None = None  # the ground in boxes is the static world's
 
     def __init__(self, scene: SurfelScene, recorded: Drive, quality: Quality = QUALITIES["balanced"]) -> None:
         self.scene, self.recorded, self.quality = scene, recorded, quality
