@@ -150,6 +150,7 @@ class UNISIM_PT_scores(DrivePanel, bpy.types.Panel):
             draw_scores(layout, rows_of(scene, folder))
         column = layout.column(align=True)
         column.operator("unisim.open_rollout", icon="IMPORT").directory = str(folder or "")
+        column.operator("unisim.compare_rollouts", icon="SPREADSHEET")
         if about.rollout:
             column = settings_column(layout)
             column.prop(about, "show_plans")
