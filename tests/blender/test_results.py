@@ -142,7 +142,7 @@ def test_a_film_is_made_of_what_a_sequence_left(street: Any, tmp_path: Path) -> 
     assert [item[0] for item in results.sensor_items(None, bpy.context)] == ["front_camera", "pandar64"]
     assert bpy.ops.unisim.make_film() == {"FINISHED"}
     task = background.newest[results.FilmTask]
-    assert (task.done, task.total, task.problem) == (2.0, 2.0, "")
+    assert isinstance(task, results.FilmTask) and (task.done, task.total, task.problem) == (2.0, 2.0, "")
     film = results.film_of(street)
     assert film is not None and film.name == ("film.html" if task.is_page else "film.mp4")
     assert bpy.ops.unisim.open_film.poll()
