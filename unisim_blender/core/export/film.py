@@ -141,7 +141,9 @@ def _paste(canvas: Image.Image, path: Path, place: tuple[int, int, int, int]) ->
     canvas.paste(small, (x + (wide - size[0]) // 2, y + (high - size[1]) // 2))
 
 
-def _say(pen: ImageDraw.ImageDraw, place: tuple[int, int], words: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont) -> None:
+def _say(
+    pen: ImageDraw.ImageDraw, place: tuple[int, int], words: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont
+) -> None:
     """Write a name that can be read on any image."""
     pen.text(place, words, fill=(255, 255, 255), font=font, stroke_width=2, stroke_fill=(0, 0, 0))
 
