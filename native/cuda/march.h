@@ -53,7 +53,7 @@ class VolumeRuns {
             } else if (begun)
                 break;
             else if (clear > 1)
-                next_ += static_cast<int32_t>(static_cast<float>(clear - 1) * STEPS_A_VOXEL);
+                next_ += static_cast<int32_t>(static_cast<float>(clear - 1) * STEPS_A_VOXEL) - 1;
         }
         if (!begun) return false;
         run.end = cell_interval(scene_, o_, d_, last).end;
@@ -139,12 +139,11 @@ struct March {
     float beta;
     const unisim_sampling &how;
     int count = 0;
-    int after_free = -1; // the sample before which free space lies, whose interval is not split
-    bool full = false;   // whether there was no room for a sample
+    bool full = false; // whether there was no room for a sample
 
     // Samples along the runs of next_run(run), until the transmittance is below `opaque`. distance(t) evaluates the
-    // field, t in the field's metres; `total` is the optical depth before the segment. `tau` receives
-    // `optical_depth_at`.
+    // field, t in the field's metres; `total` is the optical depth before the segment. While it is marched, `tau` has
+    // `optical_depth_at` and `stop_fraction` whether free space lies before a sample: such intervals are not split.
     template <class Distance, class NextRun>
     UNISIM_DEVICE void along(float total, const Distance &distance, NextRun &&next_run) {
         const float max_depth = -std::log(how.opaque), shortest = greater_of(how.min_step_m, 0.5f / beta);
@@ -153,7 +152,7 @@ struct March {
         float t = run.begin, last_depth = 0;
         for (bool begins = true;;) {
             const float s = distance(t), depth = optical_depth_at(s, beta);
-            if (!insert(count, t, s, depth)) return;
+            if (!insert(count, t, s, depth, begins)) return;
             float closing = 1;
             if (count > 1) {
                 const int64_t before = samples.at(first + count - 2);
@@ -187,12 +186,12 @@ struct March {
             float t;
             if (!place_of_split(before, t)) return;
             const float s = distance(t);
-            if (!insert(before, t, s, optical_depth_at(s, beta))) return;
+            if (!insert(before, t, s, optical_depth_at(s, beta), false)) return;
         }
     }
 
     // Inserts a sample before number k of the segment's.
-    UNISIM_DEVICE bool insert(int k, float t, float s, float depth) {
+    UNISIM_DEVICE bool insert(int k, float t, float s, float depth, bool after_free) {
         if (first + count >= samples.capacity) {
             full = true;
             return false;
@@ -202,12 +201,13 @@ struct March {
             samples.t[to] = samples.t[from];
             samples.s[to] = samples.s[from];
             samples.tau[to] = samples.tau[from];
+            samples.stop_fraction[to] = samples.stop_fraction[from];
         }
         const int64_t here = samples.at(first + k);
         samples.t[here] = t;
         samples.s[here] = s;
         samples.tau[here] = depth;
-        if (after_free >= k) ++after_free;
+        samples.stop_fraction[here] = after_free ? 1.0f : 0.0f;
         ++count;
         return true;
     }
@@ -241,7 +241,8 @@ struct March {
         for (int k = 0; k < count; ++k) {
             const int64_t i = samples.at(first + k);
             const float now = samples.tau[i], increase = now - last;
-            if (k && increase > min_weight && k != after_free && samples.t[i] - samples.t[i - samples.stride] > 0.01f) {
+            if (k && increase > min_weight && samples.stop_fraction[i] == 0 &&
+                samples.t[i] - samples.t[i - samples.stride] > 0.01f) {
                 const float weight = exp_of(-passed) * (1.0f - exp_of(-increase));
                 if (weight > best) {
                     best = weight;

@@ -185,9 +185,10 @@ class RayTracer {
         if (!march.full && find_face(scene_, o_, d_, near, s_.t + s_.at(samples_), s_.tau + s_.at(samples_), march.count,
                                      s_.stride, before, t)) {
             const float value = distance(t);
-            if (march.insert(before, t, value, optical_depth_at(value, scene_.beta)) &&
-                s_.t[s_.at(samples_ + before + 1)] - t > 0.75f * scene_.voxel_m)
-                march.after_free = before + 1;
+            if (march.insert(before, t, value, optical_depth_at(value, scene_.beta), false)) {
+                const int64_t behind = s_.at(samples_ + before + 1);
+                s_.stop_fraction[behind] = s_.t[behind] - t > 0.75f * scene_.voxel_m ? 1.0f : 0.0f;
+            }
         }
         return end_march(*s, march, distance);
     }
