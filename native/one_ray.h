@@ -8,9 +8,13 @@
 
 #if defined(__CUDACC__)
 #define UNISIM_DEVICE __host__ __device__
+#define UNISIM_UNROLL _Pragma("unroll")
 #else
 #define UNISIM_DEVICE
+#define UNISIM_UNROLL
 #endif
+// A function that is called, so that its code is there once.
+#define UNISIM_CALLED UNISIM_DEVICE __attribute__((noinline)) static
 
 namespace {
 

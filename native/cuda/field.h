@@ -34,10 +34,13 @@ UNISIM_DEVICE inline float float_of(uint16_t h) {
     return h & 0x8000 ? -x : x;
 }
 
-// The encoding of a point x of the unit cube by one of the grids: `code` (levels, F).
-template <int F, class T>
-UNISIM_DEVICE inline void encode(const unisim_grid &g, const T *table, const float *x, float *code) {
-    for (int level = 0; level < g.levels; ++level) {
+// The encoding (levels, features) of a point x of the unit cube by one of a field's grids. FEATURES and LEVELS 0: as
+// many as the grid has; else exactly so many, which stay in registers.
+template <int FEATURES, int LEVELS, class T>
+UNISIM_DEVICE inline void encode(const unisim_grid &g, const T *tables, int32_t grid, const float *x, float *code) {
+    const int features = FEATURES ? FEATURES : g.features, levels = LEVELS ? LEVELS : g.levels;
+    UNISIM_UNROLL
+    for (int level = 0; level < levels; ++level) {
         uint32_t lower[3];
         float fraction[3];
         for (int a = 0; a < 3; ++a) {
@@ -52,72 +55,54 @@ UNISIM_DEVICE inline void encode(const unisim_grid &g, const T *table, const flo
             fraction[a] = p - cell;
         }
         const uint32_t sy = g.stride_y[level], sz = g.stride_z[level], mask = g.size[level] - 1;
-        const T *base = table + g.offset[level] * F;
-        float sum[F] = {};
+        const T *base = tables + (grid * g.grid_stride + g.offset[level]) * features;
+        float *sum = code + level * features;
+        for (int f = 0; f < features; ++f) sum[f] = 0;
         for (int corner = 0; corner < 8; ++corner) {
             const uint32_t bx = corner & 1, by = corner >> 1 & 1, bz = corner >> 2;
             const uint32_t i = lower[0] + bx, j = lower[1] + by, k = lower[2] + bz;
             const uint32_t row = sy ? i + j * sy + k * sz : (i ^ j * 2654435761u ^ k * 805459861u) & mask;
             const float weight = (bx ? fraction[0] : 1 - fraction[0]) * (by ? fraction[1] : 1 - fraction[1]) *
                                  (bz ? fraction[2] : 1 - fraction[2]);
-            const T *values = base + static_cast<int64_t>(row) * F;
-            for (int f = 0; f < F; ++f) sum[f] += weight * float_of(values[f]);
+            const T *values = base + static_cast<int64_t>(row) * features;
+            for (int f = 0; f < features; ++f) sum[f] += weight * float_of(values[f]);
         }
-        for (int f = 0; f < F; ++f) code[level * F + f] = sum[f];
     }
 }
 
-template <class T>
-UNISIM_DEVICE inline void encode(const unisim_grid &g, const T *tables, int32_t grid, const float *x, float *code) {
-    const T *table = tables + grid * g.grid_stride * g.features;
-    switch (g.features) {
-    case 1: return encode<1>(g, table, x, code);
-    case 2: return encode<2>(g, table, x, code);
-    case 4: return encode<4>(g, table, x, code);
-    case 8: return encode<8>(g, table, x, code);
+// The perceptron at one encoded point: the first output, and hidden units by weight into `units`, where that is not
+// null. INPUTS 0: as many as the network has; else exactly so many, which stay in registers.
+template <int INPUTS>
+UNISIM_DEVICE inline float evaluate_network(const unisim_mlp &net, const float *code, float weight, float *units) {
+    const int inputs = INPUTS ? INPUTS : net.inputs;
+    float first = 0;
+    for (int j = 0; j < net.hidden; ++j) {
+        const float *w = net.w1 + j * inputs;
+        float unit = 0;
+        UNISIM_UNROLL
+        for (int i = 0; i < inputs; ++i) unit += w[i] * code[i];
+        unit = unit > 0 ? unit : 0.0f;
+        first += net.w2[j] * unit;
+        if (units) units[j] += weight * unit;
     }
+    return first + net.bias[0];
 }
 
-// A field's encoding of one point, and its network there. INPUTS 0: as many as the network has; else exactly so many,
-// which then stay in registers.
-template <int INPUTS> struct Encoded {
-    const unisim_mlp &net;
-    float code[INPUTS ? INPUTS : MAX_INPUTS];
-
-    UNISIM_DEVICE Encoded(const unisim_field &field, int32_t grid, const float *x) : net(field.net) {
-        if (field.half)
-            encode(field.grid, static_cast<const uint16_t *>(field.table), grid, x, code);
-        else
-            encode(field.grid, static_cast<const float *>(field.table), grid, x, code);
+// Evaluates a field at a point of its unit cube: returns the first output, a signed distance or the logarithm of a
+// density. Adds hidden units by weight to `units`, where that is not null.
+UNISIM_CALLED float evaluate_field(const unisim_field &field, int32_t grid, const float *x, float weight,
+                                   float *units) {
+    if (field.half && field.grid.features == 4 && field.grid.levels == 8) {
+        float code[32];
+        encode<4, 8>(field.grid, static_cast<const uint16_t *>(field.table), grid, x, code);
+        return evaluate_network<32>(field.net, code, weight, units);
     }
-
-    UNISIM_DEVICE float unit(int j) const {
-        const int n = INPUTS ? INPUTS : net.inputs;
-        const float *w = net.w1 + j * n;
-        float sum = 0;
-        for (int i = 0; i < n; ++i) sum += w[i] * code[i];
-        return sum > 0 ? sum : 0.0f;
-    }
-
-    // The first output: a signed distance, or the logarithm of a density.
-    UNISIM_DEVICE float first_output() const {
-        float sum = 0;
-        for (int j = 0; j < net.hidden; ++j) sum += net.w2[j] * unit(j);
-        return sum + net.bias[0];
-    }
-
-    UNISIM_DEVICE void add_units(float weight, float *sum) const {
-        for (int j = 0; j < net.hidden; ++j) sum[j] += weight * unit(j);
-    }
-};
-
-// Calls use(encoded point).
-template <class Use>
-UNISIM_DEVICE inline void at_point(const unisim_field &field, int32_t grid, const float *x, const Use &use) {
-    if (field.net.inputs == 32)
-        use(Encoded<32>(field, grid, x));
+    float code[MAX_INPUTS];
+    if (field.half)
+        encode<0, 0>(field.grid, static_cast<const uint16_t *>(field.table), grid, x, code);
     else
-        use(Encoded<0>(field, grid, x));
+        encode<0, 0>(field.grid, static_cast<const float *>(field.table), grid, x, code);
+    return evaluate_network<0>(field.net, code, weight, units);
 }
 
 // out (outputs - 1): the other outputs of hidden units, which are summed by weights of so much in all.

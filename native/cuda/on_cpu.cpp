@@ -9,7 +9,7 @@ extern "C" int UNISIM_NAME(unisim_trace)(const unisim_scene *scene, const unisim
     const TraceInputs in{*scene, *active, *rays, meshes ? *meshes : unisim_mesh_hits{}, *sampling, *result};
     std::atomic<int64_t> samples{0};
     parallel_bodies(rays->n, 256, threads, [&] {
-        return [&, room = 256, segments = std::vector<Segment>(), numbers = std::vector<float>()](
+        return [&, room = 64, segments = std::vector<Segment>(), numbers = std::vector<float>()](
                    int64_t begin, int64_t end) mutable {
             int64_t evaluations = 0;
             for (int64_t at = begin; at < end;) {

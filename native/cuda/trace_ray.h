@@ -96,9 +96,9 @@ class RayTracer {
 
     // The signed distance of a segment's field at t, as the scenario's edits change it.
     UNISIM_DEVICE float distance_at(const Segment &s, float t) {
-        float x[3], value = 0;
+        float x[3];
         place_in_field(s, t, nullptr, x);
-        at_point(field_of(s), grid_of(s), x, [&](const auto &point) { value = point.first_output(); });
+        const float value = evaluate_field(field_of(s), grid_of(s), x, 0.0f, nullptr);
         ++evaluations_;
         if (s.kind == Segment::ACTOR) return value;
         const float p[3] = {s.ray.o[0] + t * s.ray.d[0], s.ray.o[1] + t * s.ray.d[1], s.ray.o[2] + t * s.ray.d[2]};
@@ -619,12 +619,13 @@ class RayTracer {
             if (!(w > (scene.sample_head ? MIN_WEIGHT : NEGLIGIBLE_WEIGHT))) continue;
             float x[3];
             place_in_field(s, s_.t[i], nullptr, x);
-            at_point(field, grid_of(s), x, [&](const auto &point) {
-                if (!scene.sample_head) return point.add_units(w, units);
-                float own[MAX_HIDDEN] = {};
-                point.add_units(1.0f, own);
-                add_view_dependent(*scene.sample_head, net, own, lit ? light : nullptr, w, sum);
-            });
+            if (!scene.sample_head) {
+                evaluate_field(field, grid_of(s), x, w, units);
+                continue;
+            }
+            for (int j = 0; j < net.hidden; ++j) units[j] = 0;
+            evaluate_field(field, grid_of(s), x, 1.0f, units);
+            add_view_dependent(*scene.sample_head, net, units, lit ? light : nullptr, w, sum);
         }
         if (scene.sample_head) return;
         project(net, units, weight, out);
@@ -668,7 +669,7 @@ class RayTracer {
             place[i & 2 ? 1 : 0] += i & 1 ? -scene.light_reach_m : scene.light_reach_m;
             place[2] = ground_at(scene, place[0], place[1]);
             for (int a = 0; a < 3; ++a) place[a] /= scene.size[a];
-            at_point(scene.static_field, 0, place, [&](const auto &point) { point.add_units(0.25f, units); });
+            evaluate_field(scene.static_field, 0, place, 0.25f, units);
         }
         evaluations_ += 4;
         project(of, units, 1.0f, appearance);
@@ -712,11 +713,10 @@ class RayTracer {
         float *density[2] = {s_.tau + base, s_.tau + after}, *place[2] = {s_.t + base, s_.t + after};
         float *cdf = s_.before + base, *width = s_.weight + base;
         const auto density_at = [&](float fraction) {
-            float x[3], value = 0;
+            float x[3];
             contract(background_distance(fraction), x);
-            at_point(field, 0, x, [&](const auto &point) { value = point.first_output(); });
             ++evaluations_;
-            return exp_of(lesser_of(value, MAX_LOG_DENSITY));
+            return exp_of(lesser_of(evaluate_field(field, 0, x, 0.0f, nullptr), MAX_LOG_DENSITY));
         };
         for (int k = 0; k < proposals; ++k) {
             place[0][s_.at(k)] = (static_cast<float>(k) + 0.5f) / static_cast<float>(proposals);
@@ -731,12 +731,13 @@ class RayTracer {
             if (scene_.sample_head && weight <= MIN_WEIGHT) return;
             weight_sum += weight;
             if (weight <= NEGLIGIBLE_WEIGHT) return;
-            at_point(field, 0, x, [&](const auto &point) {
-                if (!scene_.sample_head) return point.add_units(weight, units);
-                float own[MAX_HIDDEN] = {};
-                point.add_units(1.0f, own);
-                add_view_dependent(*scene_.sample_head, net, own, nullptr, weight, sums);
-            });
+            if (!scene_.sample_head) {
+                evaluate_field(field, 0, x, weight, units);
+                return;
+            }
+            for (int j = 0; j < net.hidden; ++j) units[j] = 0;
+            evaluate_field(field, 0, x, 1.0f, units);
+            add_view_dependent(*scene_.sample_head, net, units, nullptr, weight, sums);
         };
         // the samples of both evaluations, merged by depth: the median is known only behind the last
         int next[2] = {0, 0};
@@ -919,9 +920,9 @@ class RayTracer {
                 const float corner[3] = {c == 1 || c == 2 ? -1.0f : 1.0f, c == 2 || c == 3 ? 1.0f : -1.0f,
                                          c == 1 || c == 3 ? 1.0f : -1.0f};
                 const float offset[3] = {STEP_M * corner[0], STEP_M * corner[1], STEP_M * corner[2]};
-                float x[3], value = 0;
+                float x[3];
                 place_in_field(s, t, offset, x);
-                at_point(field_of(s), grid_of(s), x, [&](const auto &point) { value = point.first_output(); });
+                const float value = evaluate_field(field_of(s), grid_of(s), x, 0.0f, nullptr);
                 for (int a = 0; a < 3; ++a) gradient[a] += value * corner[a];
             }
             evaluations_ += 4;
