@@ -12,9 +12,10 @@ from bpy.props import StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ...bridge.changes.applying import apply_edits
+from ...bridge.changes.variants import delete_variant, show_variant
 from ...bridge.importing.drive import import_source, recorded_colours, set_colours
 from ...bridge.objects.imported import has_drive
-from ...bridge.views.rollouts import actor_names, keep_rollout, mark_rollout
+from ...bridge.views.rollouts import actor_names, keep_rollout, mark_rollout, scene_of_rollout
 from ...bridge.window import allowed, areas, object_mode
 from ...core.errors import UnisimError
 from ...core.formats.readers import READERS, drive_in, suffixes
@@ -33,6 +34,7 @@ from ...editing.simulation.rollouts import (
     moments_of,
     read_rollout,
     read_scores,
+    rollout_state,
 )
 from ...editing.texts import counted, series
 from ...registering import add
@@ -220,6 +222,11 @@ class UNISIM_OT_open_rollout(Needing, _ImportScenario, bpy.types.Operator):
         self.begun, folder = False, Path(bpy.path.abspath(self.directory)).absolute()
         if not is_rollout(folder):
             raise UnisimError(message("{folder}: holds no finished rollout", folder=folder))
+        shown = scene_of_rollout(folder)
+        if shown is not None and shown.unisim_simulation.state in ("", rollout_state(folder)):
+            show_variant(context.window, shown)
+            self.report({"INFO"}, message("{name} is shown: it was opened before", name=shown.name))
+            return
         opened = yield from self.run(lambda: opened_scenario(folder / SCENARIO))
         if has_drive(context.scene):
             self.begun = True
@@ -228,6 +235,10 @@ class UNISIM_OT_open_rollout(Needing, _ImportScenario, bpy.types.Operator):
             context.window.scene = scene
             yield None
         yield from self.bring_in_edited(context, opened)
+        if shown is not None:  # its folder has changed
+            name = shown.name
+            delete_variant(shown)
+            context.scene.name = name
 
 
 ImportedScenario = tuple[Scenario, DriveSource, Drive, RolloutTimes | None]
@@ -259,6 +270,7 @@ def keep_settings(before: bpy.types.Scene, new: bpy.types.Scene) -> None:
     for name in ("out", "sequence_sensors", "sequence_width"):
         setattr(new.unisim, name, getattr(before.unisim, name))
     new.world = before.world
+    new.render.engine = before.render.engine  # a view would compile the shaders of Blender's own one, for ten seconds
 
 
 class UNISIM_FH_json(bpy.types.FileHandler):
