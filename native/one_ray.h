@@ -107,7 +107,7 @@ UNISIM_DEVICE inline Pose pose_at(const unisim_actor_set &set, int actor, double
 
 // Where a ray is inside an axis-aligned box; false where it misses the box.
 UNISIM_DEVICE inline bool intersect_box(const float *o, const float *d, const float *low, const float *high, float near,
-                          float &t_near, float &t_far) {
+                                        float &t_near, float &t_far) {
     t_near = near;
     t_far = 3.4e38f;
     for (int a = 0; a < 3; ++a) {
@@ -227,8 +227,9 @@ UNISIM_DEVICE inline int32_t steps_between(float t_near, float t_far, float step
 // Where a ray leaves free space and enters a solid, the surface lies in between: it was trained by samples on both
 // sides. Looks at `count` samples at `ts` with optical depths `depths`, `stride` apart. Sets `before` to the sample
 // that free space precedes and t to the nearest occupied place before that sample; returns false where there is none.
-UNISIM_DEVICE inline bool find_face(const unisim_scene &scene, const float *o, const float *d, float t_near, const float *ts,
-                      const float *depths, int count, int stride, int &before, float &t) {
+UNISIM_DEVICE inline bool find_face(const unisim_scene &scene, const float *o, const float *d, float t_near,
+                                    const float *ts, const float *depths, int count, int stride, int &before,
+                                    float &t) {
     const float step = scene.voxel_m / 2;
     for (int k = 0; k < count; ++k) {
         if (depths[k * stride] < 0.05f) continue;

@@ -19,9 +19,10 @@ extern "C" __global__ void __launch_bounds__(128)
     for (int64_t i = begin + thread; i < end; i += memory.threads) {
         float *x = memory.samples + thread;
         const int64_t of = static_cast<int64_t>(memory.capacity) * memory.threads;
-        const Workspace work{memory.segments + static_cast<int64_t>(thread) * memory.segment_capacity,
-                             memory.segment_capacity,
-                             {x, x + of, x + 2 * of, x + 3 * of, x + 4 * of, x + 5 * of, memory.threads, memory.capacity}};
+        const Workspace work{
+            memory.segments + static_cast<int64_t>(thread) * memory.segment_capacity,
+            memory.segment_capacity,
+            {x, x + of, x + 2 * of, x + 3 * of, x + 4 * of, x + 5 * of, memory.threads, memory.capacity}};
         const int64_t ray = in.rays.order ? in.rays.order[i] : i;
         if (!RayTracer(in, work).trace(ray, evaluations)) {
             const int64_t slot = atomicAdd(reinterpret_cast<unsigned long long *>(refused), 1ull);

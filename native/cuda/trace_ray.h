@@ -182,8 +182,8 @@ class RayTracer {
         march.along(0.0f, distance, [&](Run &run) { return runs.next(cleared, run); });
         int before;
         float t;
-        if (!march.full && find_face(scene_, o_, d_, near, s_.t + s_.at(samples_), s_.tau + s_.at(samples_), march.count,
-                                     s_.stride, before, t)) {
+        if (!march.full && find_face(scene_, o_, d_, near, s_.t + s_.at(samples_), s_.tau + s_.at(samples_),
+                                     march.count, s_.stride, before, t)) {
             const float value = distance(t);
             if (march.insert(before, t, value, optical_depth_at(value, scene_.beta), false)) {
                 const int64_t behind = s_.at(samples_ + before + 1);
@@ -202,7 +202,8 @@ class RayTracer {
                 if (!place_by_quantiles(s, how_.actor_proposals, how_.actor_samples)) return false;
                 continue;
             }
-            const uint8_t *cells = scene.box_cells + static_cast<int64_t>(grid_of(s)) * BOX_CELLS * BOX_CELLS * BOX_CELLS;
+            const uint8_t *cells =
+                scene.box_cells + static_cast<int64_t>(grid_of(s)) * BOX_CELLS * BOX_CELLS * BOX_CELLS;
             March march{s_, samples_, scene.beta, how_};
             BoxRuns runs(cells, s.ray, in_.active.actor_sets[s.set].sizes + 3 * s.ray.box);
             const auto distance = [&](float t) { return distance_at(s, t / s.ray.stretch); };
@@ -370,12 +371,13 @@ class RayTracer {
 
     UNISIM_DEVICE float occupied_mass(const Segment &s) const {
         OccupiedWalk walk;
-        while (go_on(s, walk)) {}
+        while (go_on(s, walk)) {
+        }
         return walk.mass;
     }
 
-    // Places the first `count` samples by the rising quantiles in `before`: by occupied mass, of which there is `total`,
-    // or evenly in an actor's box.
+    // Places the first `count` samples by the rising quantiles in `before`: by occupied mass, of which there is
+    // `total`, or evenly in an actor's box.
     UNISIM_DEVICE void place(const Segment &s, int count, float total) {
         const float *quantile = s_.before + s_.at(s.first);
         float *t = s_.t + s_.at(s.first);
@@ -389,9 +391,10 @@ class RayTracer {
         go_on(s, walk);
         for (int k = 0; k < count; ++k) {
             const float target = quantile[s_.at(k)] * total;
-            while (walk.mass <= target && go_on(s, walk)) {}
-            const float fraction = std::fmin(
-                std::fmax((target - walk.mass_before) / (walk.mass - walk.mass_before), 0.0f), 1.0f);
+            while (walk.mass <= target && go_on(s, walk)) {
+            }
+            const float fraction =
+                std::fmin(std::fmax((target - walk.mass_before) / (walk.mass - walk.mass_before), 0.0f), 1.0f);
             t[s_.at(k)] = s.ray.t_near + (static_cast<float>(walk.step) + fraction) * step;
         }
     }
@@ -443,8 +446,7 @@ class RayTracer {
         int done = 0;
         while (done < count && depth < max_depth) {
             const int to = done + round < count ? done + round : count;
-            for (int k = done; k < to; ++k)
-                s_.s[s_.at(s.first + k)] = distance_at(s, s_.t[s_.at(s.first + k)]);
+            for (int k = done; k < to; ++k) s_.s[s_.at(s.first + k)] = distance_at(s, s_.t[s_.at(s.first + k)]);
             if (final && scene.unisim_density)
                 find_unisim_intervals(s, done, to, scene.beta,
                                       s.kind == Segment::ACTOR ? scene.density_step_m / 4 : scene.density_step_m);
@@ -699,8 +701,7 @@ class RayTracer {
         constexpr float MAX_LOG_DENSITY = 8.0f;
         before_background_ = transmittance_;
         background_t_ = background_median_ = 0;
-        if (!how_.background ||
-            !(transmittance_without_foreign_ > greater_of(how_.background_opaque, how_.opaque)))
+        if (!how_.background || !(transmittance_without_foreign_ > greater_of(how_.background_opaque, how_.opaque)))
             return true;
         const unisim_field &field = scene_.background;
         const unisim_mlp &net = field.net;
@@ -744,10 +745,10 @@ class RayTracer {
         const int counts[2] = {both ? proposals : 0, second}, count = counts[0] + counts[1];
         float *merged_t = s_.s + base, *merged_tau = s_.stop_fraction + base;
         for (int k = 0; k < count; ++k) {
-            const int of = next[0] < counts[0] && (next[1] == counts[1] ||
-                                                   place[0][s_.at(next[0])] <= place[1][s_.at(next[1])])
-                               ? 0
-                               : 1;
+            const int of =
+                next[0] < counts[0] && (next[1] == counts[1] || place[0][s_.at(next[0])] <= place[1][s_.at(next[1])])
+                    ? 0
+                    : 1;
             const int j = next[of]++;
             const float here = place[of][s_.at(j)];
             float wide = width[s_.at(j)];
@@ -842,8 +843,8 @@ class RayTracer {
         const unisim_trace_result &out = in_.result;
         const float opacity = 1 - transmittance_, inside = weighted_t_ / std::fmax(weight_, 1e-6f);
         out.opacity[number_] = opacity;
-        out.depth[number_] = (inside * (1 - before_background_) + before_background_ * background_t_) /
-                             std::fmax(opacity, 1e-6f);
+        out.depth[number_] =
+            (inside * (1 - before_background_) + before_background_ * background_t_) / std::fmax(opacity, 1e-6f);
         if (out.median) out.median[number_] = median_distance();
         if (out.instance) out.instance[number_] = heaviest_instance();
         if (out.normal) write_normal(out.normal + 3 * number_);
@@ -858,7 +859,8 @@ class RayTracer {
             const Segment &s = work_.segments[n];
             for (int k = 0; k < s.count; ++k) {
                 const int64_t i = s_.at(s.first + k);
-                if (s_.before[i] > wanted && s_.before[i] * exp_of(-s_.tau[i]) <= wanted) depth = crossing(s, k, wanted);
+                if (s_.before[i] > wanted && s_.before[i] * exp_of(-s_.tau[i]) <= wanted)
+                    depth = crossing(s, k, wanted);
             }
         }
         return depth;
