@@ -118,7 +118,7 @@ BPY ?= 5.2.3
 test-bpy:
 	$(PYTHON) -m venv out/bpy-$(BPY)
 	out/bpy-$(BPY)/bin/python -m pip install --quiet $(BUILD_TOOLS) bpy==$(BPY)
-	out/bpy-$(BPY)/bin/python -m pip install --quiet --no-build-isolation --editable '.[torch,parquet,ncore,batch]' hypothesis pytest pytest-xdist
+	out/bpy-$(BPY)/bin/python -m pip install --quiet --no-build-isolation -C build-dir=out/bpy-$(BPY)/native --editable '.[torch,parquet,ncore,batch]' hypothesis pytest pytest-xdist
 	OMP_NUM_THREADS=1 out/bpy-$(BPY)/bin/pytest $(WORKERS) tests/blender
 
 # a real Blender window, in a Debian of its own below BLENDER_ROOT: needs root and debootstrap
