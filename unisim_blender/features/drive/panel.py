@@ -8,7 +8,7 @@ from ...bridge.objects.imported import imported_objects
 from ...editing.texts import translatable
 from ...translations import interface
 from ...viewport.compare_view import draw_options
-from ..sidebar import Sidebar, row_of
+from ..sidebar import DrivePanel, row_of
 
 POINTS = (
     ("None", False, False),
@@ -18,7 +18,7 @@ POINTS = (
 )
 
 
-class UNISIM_PT_drive(Sidebar, bpy.types.Panel):
+class UNISIM_PT_drive(DrivePanel, bpy.types.Panel):
     """The drive that the scene was imported from"""
 
     bl_label = "Drive"
@@ -28,11 +28,6 @@ class UNISIM_PT_drive(Sidebar, bpy.types.Panel):
         """Draw log, trained scene, what is there, and what is shown."""
         layout, scene = self.layout, context.scene
         about = scene.unisim
-        if not about.log:
-            layout.label(text="No drive imported", icon="INFO")
-            layout.operator("unisim.import_log", text="Import Driving Log", icon="IMPORT")
-            layout.operator("unisim.import_scene", text="Import Trained Scene", icon="IMPORT")
-            return
         column = layout.column(align=True)
         row_of(column, "Log", Path(about.log).name, "FILE_FOLDER")
         row_of(column, "Scene", Path(about.scene).name if about.scene else "", "SHADING_RENDERED")
@@ -45,21 +40,17 @@ class UNISIM_PT_drive(Sidebar, bpy.types.Panel):
             interface("Actors: {actors}, sensors: {sensors}", actors=actors, sensors=sensors),
             "OUTLINER_OB_GROUP_INSTANCE",
         )
+        layout.operator("unisim.import_parts", icon="PRESET")
         if not about.scene:
             layout.operator("unisim.import_scene", text="Import Trained Scene", icon="IMPORT")
 
 
-class UNISIM_PT_show(Sidebar, bpy.types.Panel):
+class UNISIM_PT_show(DrivePanel, bpy.types.Panel):
     """Parts of the drive that the view shows"""
 
     bl_label = "Show"
     bl_parent_id = "UNISIM_PT_drive"
     bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there."""
-        return bool(context.scene.unisim.log)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw switches, and how LiDAR points are drawn; what does not apply is grey."""
