@@ -95,16 +95,15 @@ def test_a_batch_of_a_parameter_is_rendered_and_resumed(moved: Any, tmp_path: Pa
     parameter = add(moved, "position/1")
     parameter.name, parameter.stop, parameter.count = "aside", parameter.start + 0.5, 2
     assert bpy.ops.unisim.submit_batch() == {"FINISHED"}
-    task = background.newest[0]
+    task = background.newest[BatchTask]
     assert isinstance(task, BatchTask) and (task.problem, task.failed, task.fraction) == ("", 0, 1.0)
-    assert background.owner() == str(tmp_path / "batch")
     manifest = json.loads((tmp_path / "batch" / "manifest.json").read_bytes())
     values = [one["parameters"]["aside"] for one in manifest["variants"].values()]
     assert values == pytest.approx([parameter.start, parameter.start + 0.5], abs=1e-4) and manifest["unfinished"] == []
     assert len(list((tmp_path / "batch" / "captures").rglob("*.png"))) >= 1
     assert report_path(moved) == tmp_path / "batch" / "report.html" and bpy.ops.unisim.open_report.poll()
     assert bpy.ops.unisim.submit_batch() == {"FINISHED"}
-    again = background.newest[0]
+    again = background.newest[BatchTask]
     assert isinstance(again, BatchTask) and (again.reused, again.finished, again.fraction) == (task.finished, 0, 1.0)
     parameter.values, parameter.kind = "wide", "VALUES"
     with pytest.raises(RuntimeError, match="aside = .wide.*is not of type"):
@@ -112,7 +111,7 @@ def test_a_batch_of_a_parameter_is_rendered_and_resumed(moved: Any, tmp_path: Pa
 
 
 def test_progress_counts_what_the_command_tells(addon: Any, tmp_path: Path) -> None:
-    task = BatchTask([], tmp_path, "out", "")
+    task = BatchTask([], tmp_path, "")
     assert (task.fraction, task.measure()) == (0.0, "Checking scenarios")
     for event in (
         {"event": "start", "units": 4, "kept": 1},

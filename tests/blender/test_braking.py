@@ -42,12 +42,13 @@ def test_a_pedestrian_walks_and_stops_at_the_curves_end(street: Any) -> None:
     assert tuple(one.matrix_world.translation)[:2] == pytest.approx((11.0, 0.0), abs=1e-4)
 
 
+@pytest.mark.parametrize("mode", ["STOP", "SPEED", "STRETCH"])
 @pytest.mark.parametrize("braking", ["COMFORTABLE", "EMERGENCY"])
-def test_stop_and_go_passes_the_check(street: Any, braking: str) -> None:
+def test_other_speeds_pass_the_check(street: Any, braking: str, mode: str) -> None:
     one, drive = driving_car(street), source_of(street).drive
     street.frame_set(3)
     before = places(street, one)
-    assert bpy.ops.unisim.retime_actor(mode="STOP", braking=braking) == {"FINISHED"}
+    assert bpy.ops.unisim.retime_actor(mode=mode, braking=braking) == {"FINISHED"}
     found = warnings_of(sample_all(street, Clock.of(drive)), drive)
     assert [w.text for w in found if w.name == one.name and "m/s²" in w.text] == []
     now = places(street, one)

@@ -12,12 +12,13 @@ from helpers import driving, edited, imported, read, select
 from mathutils import Quaternion, Vector
 
 from unisim_blender.bridge.changes import following
-from unisim_blender.bridge.changes.motion import displaced_along, stopped
+from unisim_blender.bridge.changes.motion import displaced_along, respeeded
 from unisim_blender.bridge.objects.animation import keys_of, write_keys
 from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.bridge.objects.trajectories import convert, remove, trajectory_of
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.scenario.edits import Duplicate, Ego, Move
+from unisim_blender.editing.motion.braking import braked
 from unisim_blender.editing.motion.keys import BLEND_S
 from unisim_blender.editing.sampled.clock import Clock
 
@@ -241,7 +242,8 @@ def test_what_stands_still_does_not_slide(street: Any) -> None:
         one.location = (0.0, left, 0.0)
         one.keyframe_insert("location", frame=frame)
     clock = Clock.of(source_of(street).drive)
-    stopped(one, float(clock.time_s(np.array(7.0))), 0.5, 1000.0, 2.0, clock)
+    now_s = float(clock.time_s(np.array(7.0)))
+    respeeded(one, lambda keys: braked(keys, now_s, 0.5, 1000.0, 2.0, clock), clock)
     places = []
     for frame in (8, 10, 12):
         street.frame_set(frame)

@@ -33,10 +33,10 @@ def test_operators_report_them(street: Any, capfd: Any) -> None:
         ("DELAY", "0.50 s (5.0 frames) later"),
         ("STOP", "stands for 0.50 s (5.0 frames)"),
         ("SPEED", "speed x0.5 from 0.20 s (frame 2) on"),
-        ("STRETCH", "speed x0.5 for 2.00 s (20.0 frames)"),
+        ("STRETCH", "speed x0.5 for 4.00 s (40.0 frames)"),
     ):
         bpy.ops.unisim.retime_actor(mode=mode)
-        assert f"Info: {one.name}: {text}\n" in capfd.readouterr().out, mode
+        assert f"Info: {one.name}: {text}" in capfd.readouterr().out, mode
     others = [obj for obj in street.objects if obj.unisim.kind == "ACTOR"][:3]
     select(*others)
     bpy.ops.unisim.retime_actor(mode="DELAY")

@@ -93,7 +93,8 @@ def test_first_steps_belong_to_a_files_first_drive(scene: Any, street_log: Path)
     assert panel.poll(bpy.context)
     assert bpy.ops.unisim.import_drive(filepath=str(street_log)) == {"FINISHED"}
     assert scene.unisim.first_steps and panel.poll(bpy.context)
-    assert bpy.ops.unisim.hide_first_steps() == {"FINISHED"} and not panel.poll(bpy.context)
+    scene.unisim.first_steps = False
+    assert not panel.poll(bpy.context)
     bpy.context.window.scene = other = bpy.data.scenes.new("other")
     assert bpy.ops.unisim.import_drive(filepath=str(street_log)) == {"FINISHED"}
     assert other.unisim.log and not other.unisim.first_steps and not panel.poll(bpy.context)

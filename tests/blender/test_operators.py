@@ -21,7 +21,7 @@ from unisim_blender.bridge.window import choose
 from unisim_blender.core.scenario.edits import Insert, Move, Swap
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.scene import same
-from unisim_blender.process.background import running
+from unisim_blender.process.background import newest, running
 from unisim_blender.process.tasks import SequenceTask
 
 
@@ -207,7 +207,7 @@ def test_a_sequence_is_resumed_and_gives_the_commands_bytes(street: Any, tmp_pat
     images[1].unlink()
     assert bpy.ops.unisim.render_sequence() == {"FINISHED"}
     assert images[1].is_file() and os.stat(images[0]).st_mtime_ns == stamp and images[0].read_bytes() == first
-    assert "3 of 3 frames" in bpy.context.window_manager.unisim_task
+    assert "3 of 3 frames" in newest[SequenceTask].line
 
 
 def test_a_sequence_of_some_sensors_at_a_width(street: Any, tmp_path: Path) -> None:

@@ -109,7 +109,7 @@ def test_what_runs_is_watched_when_another_file_is_opened(
     assert registered and registered[0]["persistent"]
     bpy.ops.wm.read_factory_settings(use_empty=True)
     background.watch()
-    assert "12 of 20" in bpy.context.window_manager.unisim_task
+    assert "12 of 20" in task.line
     background.running.clear()
 
 
@@ -129,7 +129,7 @@ def test_a_task_that_ends_while_it_is_looked_at_is_told_of_once_more(scene: Any,
     background.running[:] = [task]
     while background.watch() is not None:
         pass
-    assert bpy.context.window_manager.unisim_task.startswith("Stopped at 16 of 20 frames")
+    assert task.line.startswith("Stopped at 16 of 20 frames")
     assert not background.running
 
 
@@ -164,7 +164,7 @@ def test_a_look_that_fails_is_not_the_last(scene: Any, tmp_path: Any, monkeypatc
         assert background.watch() == background.POLL_S
     task.code = 0
     assert background.watch() is None and not background.running
-    assert "Done" in bpy.context.window_manager.unisim_task
+    assert "Done" in task.line
 
 
 def test_frames_of_an_earlier_range_are_not_counted(tmp_path: Any) -> None:

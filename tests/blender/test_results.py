@@ -10,9 +10,11 @@ import bpy
 import pytest
 
 from unisim_blender.editing.images import rendered as listing
+from unisim_blender.features.operator_bases import nothing_runs
 from unisim_blender.features.output import operators as results
+from unisim_blender.features.sidebar import draw_task
 from unisim_blender.process import background
-from unisim_blender.process.tasks import SequenceTask
+from unisim_blender.process.tasks import SequenceTask, Task, TrainingTask
 
 
 @pytest.fixture(autouse=True)
@@ -72,21 +74,65 @@ def test_folder_and_player_get_the_right_paths(street: Any, tmp_path: Path, monk
     assert [item[0] for item in results.camera_items(None, bpy.context)] == ["front", "left"]
 
 
-def test_a_tasks_line_says_what_it_belongs_to(street: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file = str(tmp_path / "first.blend")
-    bpy.ops.wm.save_as_mainfile(filepath=file)
+def test_a_task_belongs_to_a_scene_of_a_file(street: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Panels of other files, other scenes and other kinds do not show it as theirs; they and the buttons say whose it
+    is."""
+    file, first = str(tmp_path / "first.blend"), bpy.context.scene
     task = SequenceTask([], tmp_path / "out", 4.0)
-    monkeypatch.setattr(task, "start", lambda: setattr(task, "code", 0))
+    monkeypatch.setattr(background, "bpy", windowed(bpy.context, bpy.data))
+    monkeypatch.setattr(task, "start", lambda: None)
     background.launch(task)
-    manager = bpy.context.window_manager
-    assert manager.unisim_task == "Done: 0 of 4 frames" and background.owner() == str(tmp_path / "out")
-    manager.unisim_points = "a sweep of this file"
+    background.watch()
+    assert drawn(first) == ("progress", "0 of 4 frames, starting", True)
+    assert drawn(first, TrainingTask) == ("progress", "No task", False)
+    bpy.ops.wm.save_as_mainfile(filepath=file)  # the file has a name now, and the task is its own as before
+    other = bpy.data.scenes.new("Other")
+    assert drawn(other) == ("label", "Sequence runs for Scene", True)
+    first.name = "Renamed"
+    assert drawn(first)[0] == "progress"
+    first.name = "Scene"
+    bpy.context.window_manager.unisim_points = "a sweep of this file"
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    manager = bpy.context.window_manager
-    assert manager.unisim_task == "Done: 0 of 4 frames" and manager.unisim_points == ""
-    assert background.owner() == f"first.blend: {tmp_path / 'out'}"
+    assert bpy.context.window_manager.unisim_points == ""
+    assert drawn(bpy.context.scene) == ("label", "Sequence runs for first.blend", True)
+    assert nothing_runs(bpy.context) == (False, "Sequence runs for first.blend: cancel it or wait until it ends")
+    before = set(bpy.data.images)
+    (tmp_path / "out/camera/front").mkdir(parents=True)
+    write_image(tmp_path / "out/camera/front/000000.png")
+    background.tell(task)
+    assert set(bpy.data.images) == before  # what runs for another file leaves nothing in this one
+    task.code = 0
+    background.watch()
+    assert drawn(bpy.context.scene) == ("progress", "No task", False)
     bpy.ops.wm.open_mainfile(filepath=file)
-    assert background.owner() == str(tmp_path / "out")
+    assert drawn(bpy.data.scenes["Scene"]) == ("progress", "Done: 0 of 4 frames", False)
     background.newest.clear()
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    assert bpy.context.window_manager.unisim_task == "" and background.owner() == ""
+
+
+def write_image(path: Path) -> None:
+    """A small PNG file."""
+    image = bpy.data.images.new("small", 4, 4)
+    image.save(filepath=str(path))
+    bpy.data.images.remove(image)
+
+
+def windowed(context: Any, data: Any) -> Any:
+    """Blender with a window."""
+    timers = SimpleNamespace(register=lambda *_, **how: None, is_registered=lambda _: False)
+    app = SimpleNamespace(background=False, timers=timers)
+    return SimpleNamespace(app=app, context=context, data=data, path=bpy.path, msgbus=bpy.msgbus)
+
+
+def drawn(scene: bpy.types.Scene, kind: type[Task] = SequenceTask) -> tuple[str, str, bool]:
+    """What a panel draws of its task: how, what, and whether the cross can be pressed."""
+    said: list[tuple[str, str]] = []
+    layout: Any = SimpleNamespace(
+        row=lambda **_: layout,
+        column=lambda **_: layout,
+        label=lambda text, **_: said.append(("label", text)),
+        progress=lambda text, **_: said.append(("progress", text)),
+        operator=lambda name, **_: None,
+    )
+    draw_task(layout, scene, kind)
+    (shown,) = said
+    return *shown, layout.enabled

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from threading import Event
@@ -23,9 +24,11 @@ from unisim_blender.core.scenario import apply_scenario, load_scenario
 from unisim_blender.core.simulation.rollout.steps import read_steps
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.source import scene_actors
-from unisim_blender.editing.simulation.rollouts import read_rollout
+from unisim_blender.editing.simulation.rollouts import options_path, read_rollout, rollout_name, variant_of
 from unisim_blender.editing.simulation.stated import count_steps
+from unisim_blender.features.drive.import_operators import UNISIM_OT_open_rollout
 from unisim_blender.features.simulation import panel as simulation
+from unisim_blender.features.simulation.operators import RolloutTask
 from unisim_blender.features.simulation.overlay import lines_now
 from unisim_blender.features.simulation.panel import rows_of
 from unisim_blender.features.simulation.properties import driver_of
@@ -198,7 +201,7 @@ def test_a_rollout_runs_and_is_resumed(street: Any, tmp_path: Path) -> None:
     street.unisim.quality, street.unisim.sequence_sensors, street.unisim.sequence_width = "fast", "CAMERA", 32
     assert bpy.ops.unisim.simulate() == {"FINISHED"}
     folder = tmp_path / "rollouts" / "Scene constant 1"
-    task = background.newest[0]
+    task = background.newest[RolloutTask]
     assert (task.folder, task.total, task.done, task.problem) == (folder, 2.0, 2.0, "")
     assert len(read_steps(folder)) == 3 and about.scored == str(folder)
     rows = rows_of(street, folder)
@@ -259,6 +262,42 @@ def test_a_rollout_opens_beside_a_drive_as_a_variant(street: Any, rolled: Path) 
     shown = opened(street, rolled)
     assert shown != street and set(variants_of(street)) == {street, shown}
     assert shown.unisim_simulation.choice == "idm" and not street.unisim_simulation.rollout
+
+
+def test_a_view_never_draws_a_rollout_with_another_engine(street: Any, rolled: Path) -> None:
+    """Blender's own would compile its shaders, for ten seconds, before the scene has its drive."""
+    street.render.engine = "UNISIM"
+    steps = UNISIM_OT_open_rollout.work(steps_of(rolled), bpy.context)
+    engines = {bpy.context.scene.render.engine for _ in steps}
+    assert bpy.context.scene != street and engines == {"UNISIM"}
+
+
+def steps_of(folder: Path) -> Any:
+    """What the operator's steps need of it."""
+    own = SimpleNamespace(directory=str(folder), timer=None, report=lambda *_: None)
+    for name in ("run", "bring_in", "bring_in_edited"):
+        setattr(own, name, getattr(UNISIM_OT_open_rollout, name).__get__(own))
+    return own
+
+
+def test_a_rollout_that_was_opened_is_shown_again_and_read_again_after_a_change(street: Any, rolled: Path) -> None:
+    shown = opened(street, rolled)
+    name, moved = shown.name, driving(shown, "Car").name
+    shown.objects[moved].location.y += 1.0
+    bpy.context.window.scene = street
+    assert opened(street, rolled) == shown and shown.objects[moved].location.y == 1.0
+    bpy.context.window.scene = street
+    os.utime(rolled / "scores.json")
+    again = opened(street, rolled)
+    assert again.name == name and set(variants_of(street)) == {street, again}
+    assert all(obj.location.y != 1.0 for obj in again.objects if obj.name.startswith(moved))
+
+
+def test_rollouts_of_rollouts_are_named_alike(tmp_path: Path) -> None:
+    folder = tmp_path / rollout_name("My scene", "package:Driver", 12)
+    assert variant_of(folder) == folder.name == "My scene Driver 12"  # the command line's may be named so, too
+    options_path(folder).touch()
+    assert variant_of(folder) == "My scene"
 
 
 def test_collisions_and_ttc_are_markers(scene: Any, rolled: Path, tmp_path: Path) -> None:

@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 from helpers import driving_car, select
 
+from unisim_blender.bridge.changes.handles import TransformSnapshot
 from unisim_blender.bridge.changes.motion import displaced_along
+from unisim_blender.bridge.objects.animation import curves_of
 from unisim_blender.bridge.objects.imported import imported_objects, source_of
+from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.bridge.views import trails
 from unisim_blender.editing.layout.speed_graph import (
@@ -21,7 +24,9 @@ from unisim_blender.editing.layout.speed_graph import (
     GraphShapes,
     axes_of,
     curves,
+    grip,
     moment,
+    on_curve,
     values,
 )
 from unisim_blender.editing.motion import kinematics as comparison
@@ -68,7 +73,7 @@ def test_what_drives_faster(street: Any) -> None:
     one = driving_car(street)
     before = graph().now.speed_m_s
     street.frame_set(0)
-    bpy.ops.unisim.retime_actor(mode="SPEED", speed=1.2)
+    bpy.ops.unisim.retime_actor(mode="SPEED", speed=1.2, braking="CUSTOM", deceleration_m_s2=1e3)
     found = graph()
     assert found.is_edited and found.recorded is not None
     assert found.now.speed_m_s[3:10] == pytest.approx(1.2 * before[3:10], rel=0.06)
@@ -201,3 +206,57 @@ def test_absence_is_said(street: Any) -> None:
     one.keyframe_insert("hide_viewport", frame=0)
     found = trails.compared_now(one, drive, Clock.of(drive), Limits())
     assert ("not present", False) in values(found, 0.0)
+
+
+def test_a_dragged_speed_changes_the_motion_and_not_the_path(street: Any) -> None:
+    one = driving_car(street)
+    before, start = graph().now.speed_m_s, places(one)
+    assert bpy.ops.unisim.drag_speed(time_s=0.9, speed_m_s=9.0, reach_s=0.8) == {"FINISHED"}
+    now, times = graph().now, graph().now.times_s
+    assert np.interp(0.9, times, now.speed_m_s) == pytest.approx(9.0, abs=0.2)
+    assert now.speed_m_s[-2:] == pytest.approx(before[-2:], abs=0.3) and places(one)[0] == pytest.approx(start[0])
+    away = np.linalg.norm(places(one)[:, None] - start[None], axis=-1).min(1)
+    steps = np.linalg.norm(np.diff(start, axis=0), axis=1)
+    assert away.max() < steps.max() / 2 + 0.01, "between places where it was"
+    gone = np.linalg.norm(places(one)[-1] - places(one)[0]) - np.linalg.norm(start[-1] - start[0])
+    assert gone == pytest.approx((9.0 - np.interp(0.9, times, before)) * 0.8, abs=0.1), "the integral of the speed"
+
+
+def places(one: Any) -> Any:
+    """Places (N, 3) of an object at the log's frames."""
+    poses = trails.trajectory_poses(one, Clock.of(source_of(bpy.context.scene).drive))
+    assert poses is not None
+    return poses[:, :3, 3]
+
+
+def test_what_was_dragged_is_put_back_whole(street: Any) -> None:
+    one = driving_car(street)
+    one.hide_viewport = True
+    one.keyframe_insert("hide_viewport", frame=15)
+    start, subjects = places(one), [one, trajectory_of(one)]
+    snapshots = [TransformSnapshot.of(obj) for obj in subjects]
+    bpy.ops.unisim.drag_speed(time_s=0.9, speed_m_s=2.0)
+    assert np.abs(places(one) - start).max() > 0.5 and presence(one) != [15.0]
+    for obj, snapshot in zip(subjects, snapshots, strict=True):
+        snapshot.restore(obj)
+    assert places(one) == pytest.approx(start, abs=1e-6) and presence(one) == [15.0]
+
+
+def presence(one: Any) -> list[float]:
+    """Frames of the keys that say when an object is there."""
+    return [
+        key.co[0] for curve in curves_of(one) if curve.data_path == "hide_viewport" for key in curve.keyframe_points
+    ]
+
+
+def test_the_curve_is_under_the_mouse_where_it_is_drawn(street: Any) -> None:
+    driving_car(street)
+    found, axes = graph(), axes_of(graph())
+    x, y = float(axes.x(np.array(1.0))), float(axes.y(np.array(np.interp(1.0, found.now.times_s, found.now.speed_m_s))))
+    assert on_curve(found, x, y + 3, 4.0) == pytest.approx(1.0) and on_curve(found, x, y + 9, 4.0) is None
+    assert on_curve(found, float(axes.x(np.array(-0.5))), y, 1e3) is None, "beside the axes"
+    assert axes.speed_m_s(float(axes.y(np.array(3.0)) - axes.y(np.array(1.0)))) == pytest.approx(2.0)
+    held = grip(found, 1.0, 0.5, 6.0, 30.0)
+    assert OVER in colours(held) and any("km/h" in text for text, *_ in held.texts)
+    top = max(corner[1] for corner in held.corners)
+    assert top <= 214, "within the graph"

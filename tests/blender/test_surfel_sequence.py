@@ -16,6 +16,7 @@ from PIL import Image
 from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.features.output import operators as results
 from unisim_blender.process import background
+from unisim_blender.process.tasks import SequenceTask
 
 
 @pytest.fixture(scope="module")
@@ -56,13 +57,14 @@ def cancel_after(frames: int) -> threading.Thread:
 
 @pytest.mark.slow
 def test_a_log_is_rendered_cancelled_and_resumed(logged: Any, tmp_path: Path) -> None:
-    out, manager = tmp_path / "out", bpy.context.window_manager
+    out = tmp_path / "out"
     for number in range(4):  # more to do, so that Cancel comes before the end
         bpy.ops.unisim.add_camera(width=1280, height=720, yaw_deg=90.0 * number)
     pressed = cancel_after(1)
     assert bpy.ops.unisim.render_sequence() == {"FINISHED"}
     pressed.join(10)
-    assert manager.unisim_task.startswith("Stopped at ") and background.newest[0].problem == ""
+    task = background.newest[SequenceTask]
+    assert task.line.startswith("Stopped at ") and task.problem == ""
     done = sorted((out / ".state").glob("*.json"))
     assert 1 <= len(done) < 3, "the sequence was at its end before it was cancelled: give it more to do"
     camera = next(imported_objects(logged, "CAMERA")).unisim.uid
@@ -70,7 +72,7 @@ def test_a_log_is_rendered_cancelled_and_resumed(logged: Any, tmp_path: Path) ->
     stamp, content = first.stat().st_mtime_ns, first.read_bytes()
 
     assert bpy.ops.unisim.render_sequence() == {"FINISHED"}
-    assert manager.unisim_task == "Done: 3 of 3 frames"
+    assert background.newest[SequenceTask].line == "Done: 3 of 3 frames"
     assert first.stat().st_mtime_ns == stamp and first.read_bytes() == content, "a finished frame was rendered again"
     assert json.loads((out / "manifest.json").read_text())["settings"]["renderer"] == "surfel"
     found = results.results_of(logged)

@@ -53,7 +53,7 @@ def test_the_tool_finds_texts_of_every_kind(tool: Any) -> None:
         "Not checked yet",
         "Warnings: {count}",
         "Select an actor first",
-        "Another task is running: cancel it or wait until it ends",
+        "{what}: cancel it or wait until it ends",
         "Save the .blend first, or choose a folder that does not depend on it",
     ):
         assert text in found, text

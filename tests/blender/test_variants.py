@@ -294,7 +294,7 @@ def test_variants_are_rendered_together_and_taken_up_again(street: Any, tmp_path
     sweeps = {name: sorted((tmp_path / name).glob("lidar/*/*.ply")) for name in ("Scene", "Second")}
     assert [len(found) for found in sweeps.values()] == [2, 2] and not (tmp_path / "Not marked").exists()
     assert sweeps["Scene"][0].read_bytes() != sweeps["Second"][0].read_bytes()
-    task = background.newest[0]
+    task = background.newest[VariantsTask]
     assert isinstance(task, VariantsTask) and task.text() == "Done: 4 of 4 frames of 2 variants"
     assert load_scenario(tmp_path / "Second" / "scenario.json").name == "Second"
     kept = sweeps["Scene"][0].stat().st_mtime_ns

@@ -11,18 +11,13 @@ from typing import Any
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from buttons import found_at, open_panel, place_of, press
+from buttons import CROSS, found_at, open_panel, place_of, press
 from edit_panel import module, moved_along, picked
 from hands import key, to, write
 from session import OUT, screenshot, start, until
-from tasks import imported, seen, task
+from tasks import imported, seen, task, told
 
 FOLDER = OUT.parent / "batch"
-
-
-def told() -> str:
-    """What the panel says of the task."""
-    return str(bpy.context.window_manager.unisim_task)
 
 
 def about() -> Any:
@@ -65,7 +60,7 @@ def run() -> Iterator[float]:
     yield from press("unisim.submit_batch()")
     yield from until(lambda: "units" in told(), f"no progress is shown: {told()}", 120)
     screenshot("batch_running")
-    yield from press("unisim.cancel_task()")
+    yield from press("unisim.cancel_task()", columns=(CROSS,))
     yield from until(lambda: told().startswith(("Stopped at", "Done")), f"Cancel is not answered: {told()}", 60)
     yield 1.0
     yield from press("unisim.submit_batch()")

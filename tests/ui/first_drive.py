@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from buttons import press
 from hands import click, edits, import_dropped, key, middle, mouse, object_named, place, sidebar, to, write
 from session import ARCHIVE, OUT, area, inside, results, screenshot, start, until, view, wait_for_image
-from tasks import begin, seen, task
+from tasks import begin, seen, task, told
 
 FRAMES = int(os.environ.get("UNISIM_UI_FRAMES", "3"))
 SEQUENCE_S = 540.0
@@ -122,14 +122,13 @@ def sequence() -> Iterator[float]:
     scene = bpy.context.scene
     scene.frame_end = min(scene.frame_end, scene.frame_start + FRAMES - 1)
     yield from searched("render sequence of")
-    manager = bpy.context.window_manager
-    yield from until(lambda: "frames" in manager.unisim_task, "no sequence begins", 20)
+    yield from until(lambda: "frames" in told(), "no sequence begins", 20)
     screenshot("sequence_runs")
     # with simulated events Blender never sleeps between them: it would take a core from what renders
     os.setpriority(os.PRIO_PROCESS, 0, 19)
-    yield from until(lambda: manager.unisim_task.startswith("Done"), "the sequence does not end", SEQUENCE_S)
+    yield from until(lambda: told().startswith("Done"), "the sequence does not end", SEQUENCE_S)
     os.setpriority(os.PRIO_PROCESS, 0, 0)
-    results["sequence"] = manager.unisim_task
+    results["sequence"] = told()
     written = sorted((OUT.parent / "first_drive" / "camera").glob("*/*.png"))
     assert len(written) == scene.frame_end - scene.frame_start + 1, written
 

@@ -16,6 +16,8 @@ LOOK_S = 0.01
 """Between two looks at what the window does."""
 LATE_S = 0.05
 """A beat that is so late is looked into."""
+LONG_S = 0.25
+"""A block that is so long is noted with what the window did in it."""
 OURS = "unisim_blender"
 """Part of the path of the extension's files."""
 P = ParamSpec("P")
@@ -34,14 +36,19 @@ class Heart:
         self.longest = 0.0
         self.within: Counter[str] = Counter()
         self.looks: Counter[str] = Counter()
+        self.blocks: list[tuple[float, dict[str, int]]] = []
+        """All blocks of `LONG_S` and longer, in seconds, each with its looks as in ``within``."""
         self.apart = 0
         """How many functions of the test's own are at work, one in the other."""
 
     def beat(self) -> float:
         """Called by a timer of Blender's."""
         now = time.monotonic()
-        if now - self.last - BEAT_S > self.longest:
-            self.longest, self.within = now - self.last - BEAT_S, self.looks
+        block_s = now - self.last - BEAT_S
+        if block_s > LONG_S:
+            self.blocks.append((round(block_s, 2), dict(self.looks.most_common(4))))
+        if block_s > self.longest:
+            self.longest, self.within = block_s, self.looks
         self.looks = Counter()
         self.last = now
         return BEAT_S
@@ -49,7 +56,7 @@ class Heart:
     def begin(self) -> None:
         """Forget what was measured."""
         self.longest, self.last = 0.0, time.monotonic()
-        self.within, self.looks = Counter(), Counter()
+        self.within, self.looks, self.blocks = Counter(), Counter(), []
 
     def look(self, main: int) -> None:
         """Look at what the thread ``main`` does, where the beat is late."""

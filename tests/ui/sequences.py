@@ -12,19 +12,14 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
 from browser import choose_path, menu_entry
-from buttons import Place, buttons, place_of, press, scroll
+from buttons import CROSS, Place, buttons, place_of, press, scroll
 from hands import key, middle, sidebar, to
 from session import OUT, area, screenshot, start, until
-from tasks import fresh, imported, task
+from tasks import fresh, imported, task, told
 
 KEPT = OUT.parent / "kept.blend"
 SMALL_LOG = OUT.parent / "small"
 """A log of three small frames that no scene is trained on, which `run.py` makes."""
-
-
-def told() -> str:
-    """What the panel says of the task."""
-    return str(bpy.context.window_manager.unisim_task)
 
 
 def frames_told() -> int:
@@ -73,7 +68,7 @@ def opened_file() -> Iterator[float]:
     yield from until(lambda: frames_told() >= 1, "the progress does not go on in another file", 240)
     yield from sidebar()
     screenshot("running_in_another_file")
-    yield from press("unisim.cancel_task()")
+    yield from press("unisim.cancel_task()", columns=(CROSS,))
     yield from until(lambda: told().startswith("Stopped at"), f"Cancel is not answered: {told()}", 60)
     yield 1.0
     assert frames_told() == finished(out), f"{told()}, but {finished(out)} frames are finished"
@@ -83,10 +78,10 @@ def opened_file() -> Iterator[float]:
     yield from until(lambda: Path(bpy.data.filepath) == KEPT, "not opened", 10)
     yield 1.0
     before = frames_told()
-    yield from place_of("unisim.cancel_task()")  # to be found at once when it is needed
+    yield from place_of("unisim.cancel_task()", columns=(CROSS,))  # to be found at once when it is needed
     yield from press("unisim.render_sequence()")
     yield from until(lambda: frames_told() > before, f"Render Sequence does not go on: {told()}", 240)
-    yield from press("unisim.cancel_task()")
+    yield from press("unisim.cancel_task()", columns=(CROSS,))
     yield from until(lambda: told().startswith("Stopped at"), f"Cancel is not answered: {told()}", 60)
     yield 1.0
     assert frames_told() == finished(out), f"{told()}, but {finished(out)} frames are finished"

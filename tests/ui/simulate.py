@@ -10,20 +10,15 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from buttons import open_panel, place_of, press
+from buttons import CROSS, open_panel, place_of, press
 from edit_panel import module, picked
 from hands import key, middle, object_named, to, write
 from session import OUT, area, from_behind, redraw, screenshot, start, until, view
-from tasks import imported, seen, task
+from tasks import imported, seen, task, told
 
 FOLDER = OUT.parent / "rollouts"
 names: dict[str, str] = {}
 """Names of the scenes and of the car that is moved."""
-
-
-def told() -> str:
-    """What the panel says of the task."""
-    return str(bpy.context.window_manager.unisim_task)
 
 
 def field(member: str, value: str) -> Iterator[float]:
@@ -73,7 +68,7 @@ def run() -> Iterator[float]:
     yield from press("unisim.simulate()")
     yield from until(lambda: "steps" in told(), f"no progress is shown: {told()}", 60)
     screenshot("simulate_running")
-    yield from press("unisim.cancel_task()")
+    yield from press("unisim.cancel_task()", columns=(CROSS,))
     yield from until(lambda: told().startswith(("Stopped at", "Done")), f"Cancel is not answered: {told()}", 60)
     yield 1.0
     yield from press("unisim.simulate()")

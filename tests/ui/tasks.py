@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator
@@ -16,7 +17,7 @@ import numpy as np
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from heart import heart, uncounted, watch
 from numpy.typing import NDArray
-from session import ARCHIVE, OUT, SCENE, area, named, redraw, results, screenshot, until, view, viewport_image
+from session import ARCHIVE, MODULE, OUT, SCENE, area, named, redraw, results, screenshot, until, view, viewport_image
 
 IMPORTED = OUT.parent / "imported.blend"
 """The sample's trained scene, imported and nothing else."""
@@ -58,6 +59,7 @@ def task(name: str, todo: Callable[[], Iterator[float]]) -> Iterator[float]:
         "longest_block_s": round(heart.longest, 3),
         "ours_s": round(heart.ours_s(), 2),
         "within": dict(heart.within.most_common(4)),
+        "blocks": heart.blocks,
     }
     screenshot(name)
     if failed:
@@ -245,6 +247,15 @@ def seen(driving: bool) -> str:
             ranked.append((away, one.name))
     assert ranked, "no such actor is in view"
     return min(ranked)[1]
+
+
+def told() -> str:
+    """What the window says of the newest task; "" without one."""
+    manager = bpy.context.window_manager
+    if hasattr(manager, "unisim_task"):  # earlier versions
+        return str(manager.unisim_task)
+    newest = sys.modules[f"{MODULE}.process.background"].newest.values()
+    return str(max(newest, key=lambda one: float(one.started_s)).line) if newest else ""
 
 
 def begin() -> None:

@@ -18,7 +18,7 @@ from buttons import found_at, held, open_panel, place_of, region_of
 from edit_panel import apart, listed, module, moved_along, opened, picked, press, rendered, shown_pixels
 from hands import click, key, middle, object_named, to
 from session import OUT, area, screenshot, start, until, view, wait_for_image
-from tasks import bare_view, begin, seen, task
+from tasks import bare_view, begin, seen, task, told
 
 ARROWS = 0.75
 """Where in its row the button that compares a variant is, as a share of the sidebar's width."""
@@ -190,20 +190,17 @@ def rendered_variants() -> Iterator[float]:
     root = OUT.parent / "variants"
     for scene in bpy.data.scenes:
         scene.unisim.out, scene.frame_start, scene.frame_end = str(root), 4, 5
-    manager = bpy.context.window_manager
     yield from press("unisim.render_variants")
-    yield from until(
-        lambda: "of 4 frames in all" in manager.unisim_task, f"no progress is shown: {manager.unisim_task}", 60
-    )
+    yield from until(lambda: "of 4 frames in all" in told(), f"no progress is shown: {told()}", 60)
     yield 1.0
     for _ in range(12):
         hands.event("WHEELDOWNMOUSE", "PRESS")
         yield 0.05
     yield 0.5
     screenshot("variants_rendering")
-    yield from until(lambda: manager.unisim_task.startswith("Done"), "the variants are not rendered", 300)
+    yield from until(lambda: told().startswith("Done"), "the variants are not rendered", 300)
     images = {name: sorted((root / names[name]).glob("camera/*/*.png")) for name in ("first", "second")}
-    assert [len(found) for found in images.values()] == [2, 2], manager.unisim_task
+    assert [len(found) for found in images.values()] == [2, 2], told()
     assert images["first"][0].read_bytes() != images["second"][0].read_bytes()
 
 

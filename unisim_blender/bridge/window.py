@@ -10,8 +10,8 @@ from typing import Any
 
 import bpy
 
-from ..editing.texts import counted
-from ..translations import tooltip
+from ..editing.texts import Text, counted
+from ..translations import localized, tooltip
 from .objects.imported import imported_objects
 from .objects.trajectories import trajectory_of
 
@@ -136,7 +136,7 @@ def allowed(operator: Any, *needs: Need) -> bool:
     """Return whether all needs are met; the first that is not is what the button's tooltip says."""
     for met, sentence in needs:
         if not met:
-            operator.poll_message_set(tooltip(sentence))
+            operator.poll_message_set(localized(sentence) if isinstance(sentence, Text) else tooltip(sentence))
             return False
     return True
 
@@ -167,8 +167,3 @@ def vehicle(context: bpy.types.Context) -> Need:
 def selected(sentence: str, *kinds: str) -> Callable[[bpy.types.Context], Need]:
     """Return the need that something of some kinds is selected."""
     return lambda context: (chosen(context, *kinds), sentence)
-
-
-def idle(running: object) -> Need:
-    """Nothing runs in the background."""
-    return not running, "Another task is running: cancel it or wait until it ends"

@@ -11,9 +11,10 @@ from typing import Any, ClassVar, TypeVar
 
 import bpy
 
-from ..bridge.window import Need, allowed, idle
+from ..bridge.window import Need, allowed
 from ..core.errors import UnisimError
-from ..process.background import running
+from ..editing.texts import Text
+from ..process.background import running, what_runs
 
 BUSY_S = 0.05
 """Time for which an operator works before the window is drawn, in seconds."""
@@ -50,7 +51,7 @@ class Needing:
 
 def nothing_runs(context: bpy.types.Context) -> Need:
     """Nothing runs in the background."""
-    return idle(running)
+    return not running, Text("{what}: cancel it or wait until it ends", what=what_runs() or "")
 
 
 class InSteps:

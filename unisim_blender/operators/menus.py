@@ -27,6 +27,7 @@ class UNISIM_MT_object(bpy.types.Menu):
     """Edit a drive"""
 
     bl_label = "UniSim"
+    bl_description = "Edits of the selected parts of the drive"
 
     def draw(self, context: bpy.types.Context) -> None:
         """As in the sidebar."""
@@ -34,6 +35,7 @@ class UNISIM_MT_object(bpy.types.Menu):
         layout.operator_menu_enum("unisim.duplicate_actor", "where")
         layout.operator("unisim.delete_actor")
         layout.operator("unisim.replace_appearance")
+        layout.operator_menu_enum("unisim.swap_class", "group")
         layout.operator_menu_enum("unisim.retime_actor", "mode")
         layout.operator("unisim.shift_actor")
         layout.operator("unisim.follow_curve")
@@ -195,6 +197,7 @@ class UNISIM_MT_pie(bpy.types.Menu):
     """Edits of the active object of the drive"""
 
     bl_label = "UniSim"
+    bl_description = "Edits of the active object of the drive"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

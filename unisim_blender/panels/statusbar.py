@@ -1,21 +1,25 @@
 """Progress of the background task in the status bar."""
 
+from pathlib import Path
+
 import bpy
 
 from ..process.background import running
+from ..translations import interface, message
 
-WIDTH = 16.0
-"""In units of the interface: a sentence and its bar."""
+WIDTH = 24.0
+"""In units of the interface: whose task it is, a sentence and its bar."""
 
 
 def draw_progress(self: bpy.types.Header, context: bpy.types.Context) -> None:
-    """Draw how far the background task is, and its Cancel button."""
-    manager = context.window_manager
-    if not running or not manager.unisim_task:
+    """Draw what runs in the background, for which file, how far it is, and its Cancel button."""
+    if not running or not running[0].line:
         return
+    task = running[0]
     row = self.layout.row(align=True)
     row.ui_units_x = WIDTH
-    row.progress(factor=manager.unisim_progress, text=manager.unisim_task)
+    whose = Path(task.file).name if task.file else message("unsaved file")
+    row.progress(factor=task.fraction_shown, text=f"{interface(task.title)}, {whose}: {task.line}")
     row.operator("unisim.cancel_task", text="", icon="CANCEL")
 
 

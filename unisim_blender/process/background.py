@@ -2,7 +2,6 @@
 
 import time
 import traceback
-from contextlib import suppress
 from pathlib import Path
 
 import bpy
@@ -11,6 +10,7 @@ from bpy.app.handlers import persistent
 
 from ..bridge.window import allowed, redraw, redraw_status_bar
 from ..editing.layout.chart import ChartImage, training_chart
+from ..editing.texts import Text
 from ..registering import add, take_away
 from ..translations import message
 from .tasks import SequenceTask, Task, TrainingTask
@@ -23,8 +23,10 @@ PREVIEW, CURVE = "UniSim preview", "UniSim training"
 
 running: list[Task] = []
 """The task at hand, and nothing else."""
-newest: list[Task] = []
-"""The task that was begun last."""
+newest: dict[type[Task], Task] = {}
+"""The task of each kind that was begun last."""
+openings: list[int] = [0]
+"""How many files this Blender has opened."""
 reported: list[tuple[float, bool]] = []
 """Progress of the task at hand, and whether it was cancelled, at the last report."""
 reported_at: list[float] = []
@@ -63,36 +65,54 @@ def _is_news(task: Task) -> bool:
 
 def tell(task: Task) -> None:
     """Show in the window how far a task is."""
-    manager = bpy.context.window_manager
-    manager.unisim_task, manager.unisim_progress = task.text(), task.fraction
+    task.line, task.fraction_shown = task.text(), task.fraction
+    redraw("VIEW_3D", "IMAGE_EDITOR")
+    if not of_file(task):  # its images are none of the file that is open
+        return
     image_path = task.newest() if isinstance(task, SequenceTask) else task.folder / "preview.png"
     if image_path is not None and image_path.is_file():
         show(image_path)
     if isinstance(task, TrainingTask):
         show_curve(training_chart(task.curve(), task.total))
-    redraw("VIEW_3D", "IMAGE_EDITOR")
 
 
-def owner() -> str:
-    """Return where the newest task's results are, and its file where another one is open; "" without a task."""
-    if not newest:
-        return ""
-    task = newest[0]
-    if task.file == bpy.data.filepath:
-        return task.place
-    return f"{Path(task.file).name if task.file else message('unsaved file')}: {task.place}"
+def of_file(task: Task) -> bool:
+    """Return whether a task belongs to the file that is open."""
+    return task.opening == openings[0] or bool(task.file and task.file == bpy.data.filepath)
+
+
+def is_own(task: Task, scene: bpy.types.Scene) -> bool:
+    """Return whether a task belongs to a scene of the file that is open."""
+    if not task.of_scene or not of_file(task):
+        return of_file(task)
+    return scene.session_uid == task.scene_uid if task.opening == openings[0] else scene.name == task.scene
+
+
+def owner(task: Task) -> str:
+    """Return the name of the file that a task belongs to; of the open file, that of the scene."""
+    if of_file(task) and task.of_scene:
+        return task.scene
+    return Path(task.file).name if task.file else message("unsaved file")
+
+
+def what_runs() -> Text | None:
+    """Return the name of the task at hand and whose it is; None without one."""
+    return Text("{task} runs for {owner}", task=Text(running[0].title), owner=owner(running[0])) if running else None
 
 
 @persistent
-def keep_line(*_: object) -> None:
-    """Another file is open: the line of the newest task stays, with what it belongs to; other lines go."""
-    manager = bpy.context.window_manager
-    manager.unisim_points = ""
-    if newest:
-        with suppress(OSError):
-            manager.unisim_task, manager.unisim_progress = newest[0].text(), newest[0].fraction
-    else:
-        manager.unisim_task, manager.unisim_progress = "", 0.0
+def note_opened(*_: object) -> None:
+    """Another file is open: tasks belong to the one before, and its lines go."""
+    openings[0] += 1
+    bpy.context.window_manager.unisim_points = ""
+
+
+@persistent
+def note_saved(*_: object) -> None:
+    """Let the tasks of the open file belong to it under the name that it was saved as."""
+    for task in newest.values():
+        if task.opening == openings[0]:
+            task.file = bpy.data.filepath
 
 
 def show(image_path: Path) -> None:
@@ -127,15 +147,17 @@ def show_curve(chart: ChartImage) -> None:
 
 
 def curve_icon() -> int | None:
-    """The icon of the newest task's curve; None where it has none."""
-    image = bpy.data.images.get(CURVE) if newest and isinstance(newest[0], TrainingTask) else None
+    """The icon of the newest training's curve; None where this file has none."""
+    task = newest.get(TrainingTask)
+    image = bpy.data.images.get(CURVE) if task is not None and of_file(task) else None
     return image.preview.icon_id if image is not None and image.preview is not None else None
 
 
 def launch(task: Task) -> None:
     """Begin a task and watch it; without a window, wait for its end."""
-    task.file = bpy.data.filepath
-    running[:] = newest[:] = [task]
+    scene = bpy.context.scene
+    task.file, task.opening, task.scene, task.scene_uid = bpy.data.filepath, openings[0], scene.name, scene.session_uid
+    running[:], newest[type(task)] = [task], task
     reported.clear()
     task.start()
     if bpy.app.background:
@@ -167,7 +189,7 @@ class UNISIM_OT_cancel_task(bpy.types.Operator):
 
 
 CLASSES = (UNISIM_OT_cancel_task,)
-HANDLERS = (("load_post", keep_line),)
+HANDLERS = (("load_post", note_opened), ("save_post", note_saved))
 TIMERS = (watch,)
 
 

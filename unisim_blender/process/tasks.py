@@ -20,6 +20,7 @@ from typing import IO
 
 from ..core.sequence.records import finished_moments
 from ..core.world.captures import CaptureKey
+from ..editing.texts import translatable
 from ..translations import message
 from . import interpreters
 
@@ -29,14 +30,22 @@ STOP_TIMEOUT_S = 20.0
 
 @dataclass
 class Task:
-    """A command that runs. ``arguments`` follow `unisim`; ``total`` is how much there is to do, in frames or minutes,
-    and ``file`` the .blend that it was started from, "" where that was not saved."""
+    """A command that runs. ``arguments`` follow `unisim`; ``total`` is how much there is to do, in frames or minutes.
+
+    It belongs to a ``file``, the .blend that it was started from, "" where that was not saved, which was the file number
+    ``opening`` that this Blender opened; and to a ``scene`` of it, whose number in this Blender is ``scene_uid``.
+    ``line`` and ``fraction_shown`` are what the window says of its progress."""
 
     arguments: list[str]
     folder: Path
     total: float
     chosen: str = ""
     file: str = ""
+    opening: int = 0
+    scene: str = ""
+    scene_uid: int = 0
+    line: str = ""
+    fraction_shown: float = 0.0
     started_s: float = field(default_factory=time.monotonic)
     process: subprocess.Popen[bytes] | None = None
     code: int | None = None
@@ -44,6 +53,10 @@ class Task:
     words: deque[str] = field(default_factory=lambda: deque(maxlen=20))
     before: float = 0.0
 
+    title = translatable("Task")
+    """Name of what runs."""
+    of_scene = True
+    """Whether it belongs to one scene of its file, not to all."""
     trains = False
     """Whether it takes an interpreter that can train."""
     hears = False
@@ -53,11 +66,6 @@ class Task:
         """Begin; returns at once."""
         self.before = self.done
         threading.Thread(target=self._run, daemon=True).start()
-
-    @property
-    def place(self) -> str:
-        """Location of its results, for people to read."""
-        return str(self.folder)
 
     @property
     def running(self) -> bool:
@@ -160,6 +168,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 class SequenceTask(Task):
     """Frames rendered into a folder."""
 
+    title = translatable("Sequence")
     wanted: Container[CaptureKey] | None = None
     """The frames and times that count; None: all in the folder."""
 
@@ -188,6 +197,8 @@ class SequenceTask(Task):
 class TrainingTask(Task):
     """A scene that is trained."""
 
+    title = translatable("Training")
+    of_scene = False
     trains = True
 
     def curve(self) -> list[dict[str, float]]:

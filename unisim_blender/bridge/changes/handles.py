@@ -20,7 +20,7 @@ from ..objects.trajectories import keyed_pose, trajectory_of
 
 FRAME_TOLERANCE = 0.02
 PLACE, TURNS = "location", ("rotation_quaternion", "rotation_euler", "rotation_axis_angle")
-PATHS = (PLACE, "rotation_quaternion")
+PATHS = (PLACE, "rotation_quaternion", "hide_viewport")
 """Properties whose keys dragging changes."""
 PARTS = ("co", "handle_left", "handle_right")
 

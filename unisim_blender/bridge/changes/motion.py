@@ -10,7 +10,8 @@ import numpy as np
 from ...core.geometry import FloatArray, matrix_from_quaternion, quaternion_from_matrix
 from ...core.scenario.motion.paths import is_path
 from ...core.world.drive import Drive
-from ...editing.motion.braking import Approach, StopInMotion, braked, stopped_keys
+from ...editing.edits.lines import metres
+from ...editing.motion.braking import Approach, TimeChange, changed_keys
 from ...editing.motion.keys import TrajectoryKeys, along_line, shifted_keys
 from ...editing.motion.retiming import later_or_earlier
 from ...editing.sampled.axes import axes_of
@@ -101,31 +102,33 @@ def _moved(curve: bpy.types.FCurve, at: Callable[[FloatArray], FloatArray]) -> N
     curve.update()
 
 
-def _hold_value(curve: bpy.types.FCurve, stop: StopInMotion, clock: Clock) -> None:
-    """Hold a curve's value while its object stands, and move what comes after the stop."""
-    first, last = clock.frame(np.array(stop.stands_s))
-    value = curve.evaluate(float(clock.frame(stop.earlier(np.array(stop.stands_s[0])))))
-    _moved(curve, lambda frames: clock.frame(stop.later(clock.time_s(frames))))
-    curve.keyframe_points.insert(first, value).interpolation = "LINEAR"
-    curve.keyframe_points.insert(last, value)
+def _change_curve(curve: bpy.types.FCurve, change: TimeChange, clock: Clock) -> None:
+    """Move a curve's keys to their later times, and hold its value while its object stands."""
+    value = (
+        curve.evaluate(float(clock.frame(change.earlier(np.array(change.stands_s[:1]))[0]))) if change.stands_s else 0.0
+    )
+    _moved(curve, lambda frames: clock.frame(change.later(clock.time_s(frames))))
+    for time_s in change.stands_s:
+        curve.keyframe_points.insert(float(clock.frame(np.array(time_s))), value).interpolation = "LINEAR"
     curve.update()
 
 
-def stopped(
-    obj: bpy.types.Object, start_s: float, seconds: float, braking_m_s2: float, start_m_s2: float, clock: Clock
-) -> None:
-    """Let an object brake from a time of the log on, stand for some seconds, speed up and go on as before."""
+def respeeded(
+    obj: bpy.types.Object, change_of: Callable[[TrajectoryKeys], TimeChange], clock: Clock
+) -> TimeChange | None:
+    """Let an object be on its trajectory at other times, those of a change of its keys; None where it has no keys."""
     above = own_trajectory(obj) or obj
     keys = keys_of(above)
     if keys is None:
-        return
-    stop = braked(TrajectoryKeys(*keys), start_s, seconds, braking_m_s2, start_m_s2, clock)
-    retimed(obj, lambda frames: clock.frame(stop.later(clock.time_s(frames))), "hide_viewport")
-    if above is not obj:  # what displaces it from its trajectory stands still with it
+        return None
+    change = change_of(TrajectoryKeys(*keys))
+    retimed(obj, lambda frames: clock.frame(change.later(clock.time_s(frames))), "hide_viewport")
+    if above is not obj:  # what displaces it from its trajectory goes along
         for curve in curves_of(obj):
             if curve.data_path != "hide_viewport":
-                _hold_value(curve, stop, clock)
-    write_keys(above, *stopped_keys(TrajectoryKeys(*keys), stop, clock))
+                _change_curve(curve, change, clock)
+    write_keys(above, *changed_keys(TrajectoryKeys(*keys), change, clock))
+    return change
 
 
 def shift(obj: bpy.types.Object, left_m: float, ahead_m: float, later_s: float, drive: Drive) -> str:
@@ -139,11 +142,9 @@ def shift(obj: bpy.types.Object, left_m: float, ahead_m: float, later_s: float, 
     clock = Clock.of(drive)
     if abs(left_m) > MIN_SHIFT:
         displaced_beside(obj, (0.0, left_m, 0.0), drive)
-        done.append(
-            Text("{length:.2f} m to the left" if left_m > 0 else "{length:.2f} m to the right", length=abs(left_m))
-        )
+        done.append(Text("{length} to the left" if left_m > 0 else "{length} to the right", length=metres(abs(left_m))))
     if abs(ahead_m) > MIN_SHIFT:
-        shift = Text("{length:.2f} m forward" if ahead_m > 0 else "{length:.2f} m backward", length=abs(ahead_m))
+        shift = Text("{length} forward" if ahead_m > 0 else "{length} backward", length=metres(abs(ahead_m)))
         if _along_path(obj, ahead_m, clock):
             done.append(Text("{shift} along its path", shift=shift))
         else:

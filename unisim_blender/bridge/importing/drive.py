@@ -63,13 +63,13 @@ def import_source(
     Where the scene holds the drive already, what was edited stays as it is, and the rest is brought up to date. Raises
     `UnisimError` in the first step where it holds another drive, or where ``options`` do not fit the drive.
     """
-    options = options.checked(source.drive)
+    skipped, frames = options.of_drive(source.drive, skipped_sensors(scene))
     edited: set[str] = set()
     first = not has_drive(scene)
     if not first:
         edited = yield from _edited(scene, source)
     drive, about = source.drive, scene.unisim
-    skipped = options.skipped(drive, skipped_sensors(scene)) - edited
+    skipped -= edited
     actors = [drive.actors[uid] for uid in sorted(set(drive.actors) - edited)]
     cameras = [camera for name, camera in drive.cameras.items() if name not in edited | skipped]
     lidars = [lidar for name, lidar in drive.lidars.items() if name not in edited | skipped]
@@ -79,8 +79,7 @@ def import_source(
     about.log, about.scene = str(source.log_path), str(source.scene_path or "")
     about.origin = json.dumps(drive.world_origin.tolist())
     clock, names = Clock.of(drive), names_at_import(source)
-    before = None if first else (scene.frame_start, scene.frame_end, scene.frame_step)
-    set_time(scene, clock, options.frames or before)
+    set_time(scene, clock, frames or (None if first else (scene.frame_start, scene.frame_end, scene.frame_step)))
     for kind, uid in [(kind, uid) for kind in ("CAMERA", "LIDAR") for uid in skipped]:
         if (obj := as_imported(scene, kind, uid)) is not None:
             remove(obj)

@@ -16,7 +16,7 @@ from ...core.world.drive import Drive
 from ...editing.layout.trails import TrailSegments, ghost_lines, joined, path_lines, plan_lines, vehicle_boxes
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import rigid
-from ...editing.simulation.rollouts import RolloutEvent, RolloutTimes, read_rollout, vehicle_of
+from ...editing.simulation.rollouts import RolloutEvent, RolloutTimes, read_rollout, rollout_state, vehicle_of
 from ...editing.simulation.stated import vehicle_parameters
 from ..objects.imported import imported_objects, originals
 from ..objects.settings import rollout_folder
@@ -116,11 +116,17 @@ def mark_rollout(
     """Note in an imported scene which rollout it is of, and mark its moments, each with its words, in the timeline."""
     about = scene.unisim_simulation
     about.rollout = about.scored = str(folder)
+    about.state = rollout_state(folder)
     about.span_s = (float(rollout.times_s[0]), float(rollout.times_s[-1]))
     for marker in [marker for marker in scene.timeline_markers if marker.name.startswith(MARKER_PREFIX)]:
         scene.timeline_markers.remove(marker)
     for moment, words in moments:
         scene.timeline_markers.new(MARKER_PREFIX + words, frame=round(float(clock.frame(np.array(moment.time_s)))))
+
+
+def scene_of_rollout(folder: Path) -> bpy.types.Scene | None:
+    """Return the scene that a rollout was opened in; None where there is none."""
+    return next((scene for scene in bpy.data.scenes if rollout_folder(scene) == folder), None)
 
 
 def actor_names(scene: bpy.types.Scene) -> Mapping[str, str]:

@@ -169,10 +169,14 @@ BEYOND_S = 3.0
 
 
 def metres(value: float) -> str:
-    """Return a distance with as many digits as it needs: "3.0 m", "0.04 m"."""
-    if value >= 0.095 or value < 5e-5:
-        return f"{value:.1f} m"
-    return f"{value:.2f} m" if value >= 0.005 else f"{1000 * value:.1f} mm"
+    """Return a distance with as many digits as it needs: "3.0 m", "1.25 m", "0.04 m"."""
+    return f"{decimals(value)} m" if value >= 0.005 or value < 5e-5 else f"{1000 * value:.1f} mm"
+
+
+def decimals(value: float) -> str:
+    """Return a number with one or two decimals."""
+    text = f"{value:.2f}"
+    return text[:-1] if text.endswith("0") else text
 
 
 def moved_words(apart: FloatArray) -> str:
@@ -261,8 +265,8 @@ def retimed_words(times_s: FloatArray, places: FloatArray, recorded: Trajectory)
 
 
 def seconds(value: float) -> str:
-    """Return a duration: "0.6 s"."""
-    return f"{value:.1f} s" if value >= 0.095 else f"{value:.2f} s"
+    """Return a duration: "0.6 s", "0.25 s"."""
+    return f"{decimals(value)} s"
 
 
 def trajectory_words(

@@ -21,6 +21,8 @@ LEFT, RIGHT, TOP, BOTTOM = 132, 14, 42, 84
 """Margins round the speed's axes: numbers and values on the left, title and speed above, times and strips below."""
 STRIP, STRIP_GAP = 10, 4
 """Height of a strip that says where a limit is exceeded, and the gap between two."""
+DOT = 4
+"""Half the edge of the dot where the curve is dragged."""
 PAPER, INK, GRID = (0.06, 0.06, 0.06, 0.82), (0.85, 0.85, 0.85, 1.0), (0.32, 0.32, 0.32, 1.0)
 RECORDED, EDITED, OVER, NOW = (
     (0.62, 0.62, 0.62, 1.0),
@@ -79,17 +81,69 @@ class GraphAxes:
         """Rows of speeds."""
         return np.asarray(BOTTOM + np.asarray(speed_m_s) / self.top_m_s * (HEIGHT - TOP - BOTTOM))
 
+    def time_s(self, x: float) -> float:
+        """Time of a column."""
+        return self.first_s + (x - LEFT) / (WIDTH - LEFT - RIGHT) * (self.last_s - self.first_s)
 
-def axes_of(graph: MotionComparison) -> GraphAxes:
-    """Return axes that hold both curves from 0 up."""
+    def speed_m_s(self, pixels: float) -> float:
+        """Difference of speeds that a number of rows is."""
+        return pixels / (HEIGHT - TOP - BOTTOM) * self.top_m_s
+
+
+def axes_of(graph: MotionComparison, top_m_s: float = 0.0) -> GraphAxes:
+    """Return axes that hold both curves from 0 up, and ``top_m_s``."""
     speeds = np.concatenate([graph.now.speed_m_s, graph.recorded.speed_m_s if graph.recorded is not None else []])
     top = float(np.nanmax(speeds)) if np.isfinite(speeds).any() else 0.0
-    return GraphAxes(float(graph.now.times_s[0]), float(graph.now.times_s[-1]), max(1.15 * top, 2.0))
+    return GraphAxes(float(graph.now.times_s[0]), float(graph.now.times_s[-1]), max(1.15 * top, 2.0, top_m_s))
 
 
-def curves(graph: MotionComparison) -> GraphShapes:
+def on_curve(graph: MotionComparison, x: float, y: float, near: float) -> float | None:
+    """Return the time at which the curve of an object passes a place of the graph within ``near`` pixels; None where it
+    does not."""
+    axes = axes_of(graph)
+    time_s = axes.time_s(x)
+    if not axes.first_s <= time_s <= axes.last_s:
+        return None
+    return time_s if abs(float(axes.y(speed_of(graph, time_s))) - y) <= near else None
+
+
+def speed_of(graph: MotionComparison, time_s: float) -> FloatArray:
+    """Return an object's speed () at a time; NaN where it is not there."""
+    return np.asarray(np.interp(time_s, graph.now.times_s, graph.now.speed_m_s))
+
+
+def grip(
+    graph: MotionComparison,
+    time_s: float,
+    reach_s: float,
+    limit_m_s2: float,
+    top_m_s: float,
+    speed_m_s: float | None = None,
+) -> GraphShapes:
+    """Return what shows where the curve is dragged: a dot with the speed, the curve's or a given one, how far the drag
+    reaches and lines as steep as the limit of acceleration; neither where it is 0."""
+    shapes, axes = GraphShapes(), axes_of(graph, top_m_s)
+    speed = float(speed_of(graph, time_s))
+    x, y = float(axes.x(np.array(time_s))), float(axes.y(np.array(speed)))
+    inside = np.clip(np.array([time_s - reach_s, time_s + reach_s]), axes.first_s, axes.last_s)
+    for column in axes.x(inside) if reach_s else ():
+        shapes.box(float(column), BOTTOM, 1, HEIGHT - TOP - BOTTOM, INK)
+    for way in (-1, 1) if limit_m_s2 else ():
+        run_s = np.linspace(0, reach_s / 2, 9)
+        fan = np.stack([axes.x(time_s + run_s), axes.y(speed + way * limit_m_s2 * run_s)], -1)
+        for side in (fan, fan * [-1, 1] + [2 * x, 0]):
+            held = side[
+                (side[:, 1] > BOTTOM) & (side[:, 1] < HEIGHT - TOP) & (side[:, 0] > LEFT) & (side[:, 0] < WIDTH - RIGHT)
+            ]
+            shapes.line(held, 1.0, [OVER] * max(len(held) - 1, 0))
+    shapes.box(x - DOT, y - DOT, 2 * DOT, 2 * DOT, NOW)
+    shapes.texts.append((kmh(speed if speed_m_s is None else speed_m_s), min(x + 8, WIDTH - 64), y + 6, NOW))
+    return shapes
+
+
+def curves(graph: MotionComparison, top_m_s: float = 0.0) -> GraphShapes:
     """Return what changes with the motion alone: axes, curves, and strips that are red where a limit is exceeded."""
-    shapes, axes = GraphShapes(), axes_of(graph)
+    shapes, axes = GraphShapes(), axes_of(graph, top_m_s)
     shapes.box(0, 0, WIDTH, HEIGHT, PAPER)
     right, times = WIDTH - RIGHT, graph.now.times_s
     for speed in ticks(0.0, axes.top_m_s * KMH):
@@ -126,9 +180,9 @@ def low_of_strip(i: int) -> float:
     return float(BOTTOM - 28 - (i + 1) * STRIP - i * STRIP_GAP)
 
 
-def moment(graph: MotionComparison, frame: float) -> GraphShapes:
+def moment(graph: MotionComparison, frame: float, top_m_s: float = 0.0) -> GraphShapes:
     """Return what changes with the frame that is shown: its line, and the values there."""
-    shapes, axes = GraphShapes(), axes_of(graph)
+    shapes, axes = GraphShapes(), axes_of(graph, top_m_s)
     time_s = float(np.interp(frame, graph.frames, graph.now.times_s))
     column = float(axes.x(np.array(time_s)))
     low = low_of_strip(len(QUANTITIES) - 1)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import fnmatch
 from collections import Counter
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
@@ -64,33 +64,24 @@ class ImportOptions:
     sensors: tuple[str, ...] | None = None
     frames: tuple[int, int, int] | None = None
 
-    @staticmethod
-    def of(names: str | None, frames: tuple[int, int, int] | None) -> ImportOptions:
-        """Return the options for patterns with commas between."""
-        patterns = None if names is None else tuple(filter(None, (name.strip() for name in names.split(","))))
-        return ImportOptions(patterns, frames)
-
-    def checked(self, drive: Drive) -> ImportOptions:
-        """Return the options with the last frame inside a drive. Raises `UnisimError` for sensors and frames that it does not
-        have."""
-        names = sorted({*drive.cameras, *drive.lidars})
-        for pattern in () if self.sensors is None else self.sensors or ("",):
-            if not any(fnmatch.fnmatchcase(name, pattern) for name in names):
-                raise UnisimError(f'sensors: "{pattern}" is none of {", ".join(names)}')
+    def of_drive(self, drive: Drive, before: Collection[str]) -> tuple[set[str], tuple[int, int, int] | None]:
+        """Return the sensors of a drive that are not imported, of which ``before`` were not, and the frames, the last at most
+        the drive's. Raises `UnisimError` for sensors and frames that it does not have."""
+        names = {*drive.cameras, *drive.lidars}
+        chosen = names - set(before)
+        if self.sensors is not None:
+            chosen = set()
+            for pattern in self.sensors or ("",):
+                if not (matching := set(fnmatch.filter(names, pattern))):
+                    raise UnisimError(f'sensors: "{pattern}" is none of {", ".join(sorted(names))}')
+                chosen |= matching
         if self.frames is None:
-            return self
+            return names - chosen, None
         first, last, step = self.frames
         start, end = min(drive.time_s), max(drive.time_s)
         if not start <= first <= min(last, end):
             raise UnisimError(f"frames {first} to {last}: the drive has frames {start} to {end}")
-        return replace(self, frames=(first, min(last, end), step))
-
-    def skipped(self, drive: Drive, before: Collection[str]) -> set[str]:
-        """Return the sensors that are not imported; ``before`` are those that were not."""
-        names = {*drive.cameras, *drive.lidars}
-        if self.sensors is None:
-            return names & set(before)
-        return {name for name in names if not any(fnmatch.fnmatchcase(name, pattern) for pattern in self.sensors)}
+        return names - chosen, (first, min(last, end), step)
 
 
 class NotImported(UnisimError):
@@ -156,26 +147,26 @@ def recognised(path: Path) -> list[Recognised]:
 
     Raises `UnisimError` where that is nothing.
     """
-    stated = format_of(path) if path.suffix.lower() == ".json" else ""
-    places = (path, *path.parents[:3]) if path.is_file() else (path,)
-    if stated in (FORMAT, RIG_FORMAT):  # a rendered sequence has its scenario beside a log's folders
-        places = ()
-        if path.name == SCENARIO_NAME and is_rollout(path.parent):
-            return [Recognised("rollout", path.parent)]
-    other = (
-        path.suffix.lower() == ".json" and path.name != HEADER_NAME
-    )  # beside a trained scene it is none of its files
-    inside = [
-        Recognised(kind, place) for place in places if (kind := _kind_of(place)) and not (other and kind == "scene")
-    ][:1]
-    if inside or path.is_dir():
-        below = inside or [Recognised(_kind_of(folder), folder) for folder in folders_below(path, _kind_of)]
-        below = below or [Recognised("scenario", file) for file in _scenarios_in(path)]
-        if not below:
+    if path.is_dir():
+        below = [path] if _kind_of(path) else folders_below(path, _kind_of)
+        inside = [Recognised(_kind_of(folder), folder) for folder in below]
+        inside = inside or [Recognised("scenario", file) for file in _scenarios_in(path)]
+        if not inside:
             raise UnisimError(f"{path}: holds no drive, trained scene, scenario or rollout")
-        return below
+        return inside
     if not path.exists():
         raise UnisimError(f"{path}: there is no such file or folder")
+    is_json = path.suffix.lower() == ".json"
+    stated = format_of(path) if is_json else ""
+    if stated == FORMAT and path.name == SCENARIO_NAME and is_rollout(path.parent):
+        return [Recognised("rollout", path.parent)]
+    # a rendered sequence has its scenario beside a log's folders
+    for place in () if stated in (FORMAT, RIG_FORMAT) else (path, *path.parents[:3]):
+        kind = _kind_of(place)
+        if kind == "scene" and (place != path.parent or (is_json and path.name != HEADER_NAME)):
+            continue  # no file of the scene's
+        if kind:
+            return [Recognised(kind, place)]
     return [Recognised("rig" if stated == RIG_FORMAT else "scenario", path)]
 
 

@@ -78,6 +78,19 @@ def _begun_with(folder: Path) -> Any:
         return None
 
 
+def rollout_state(folder: Path) -> str:
+    """Return a text that changes when a rollout's files do."""
+    files = (folder / name for name in (SCENARIO, STEPS, SCORES))
+    return " ".join(str(file.stat().st_mtime_ns) if file.is_file() else "-" for file in files)
+
+
+def variant_of(folder: Path) -> str:
+    """Return the name of the variant that a rollout was driven in; that of its folder where this was not named by
+    `rollout_name`."""
+    named = re.fullmatch(r"(.+) \S+ \d+", folder.name)
+    return named[1] if named and options_path(folder).is_file() else folder.name
+
+
 def folder_of(path: Path) -> Path | None:
     """Return the rollout's folder that a chosen folder or file is, or lies in; None where there is none."""
     folder = path if path.is_dir() else path.parent

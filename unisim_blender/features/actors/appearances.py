@@ -13,18 +13,24 @@ from bpy_extras.io_utils import ImportHelper
 from mathutils import Matrix
 
 from ...bridge.changes.carriers.scale import give_box
-from ...bridge.changes.motion import move_along
+from ...bridge.changes.motion import move_along, retimed
+from ...bridge.objects.animation import shown_by_keys
 from ...bridge.objects.imported import box_mesh, collection_of, new_actor, source_of
+from ...bridge.objects.meshes import size_of
+from ...bridge.objects.trajectories import span_of
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.views.actors import ego_poses, neighbours
+from ...bridge.views.actors import ego_poses, neighbours, poses_of
 from ...bridge.window import Need, choose, chosen, drive, object_mode, refresh, selected
 from ...core.actor_images.names import group_of, readable_names
 from ...core.errors import UnisimError
 from ...core.model.scene_file import HEADER_NAME, read_scene_header
 from ...core.world.drive import Actor
 from ...editing.actors.table import class_and_size, named_actors, natural
+from ...editing.motion.braking import habits_of
+from ...editing.motion.kinematics import motion_of
 from ...editing.motion.placement import place_ahead
 from ...editing.motion.plausibility import ground_height
+from ...editing.motion.retiming import Retiming
 from ...editing.sampled.clock import Clock
 from ...translations import interface, message
 from ..actor_list.operators import GROUPS
@@ -248,7 +254,7 @@ class UNISIM_OT_replace_appearance(Needing, _Chooses, bpy.types.Operator):
         options={"SKIP_SAVE"},
     )
     group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
-    page: IntProperty(name="Page", description="Page that is shown; 0 for all at once", min=0, update=other_page)
+    page: IntProperty(name="Page", description="Page that is shown", min=0, soft_min=1, update=other_page)
     appearance: EnumProperty(name="Appearance", description="Actor whose appearance is used", items=appearances)
 
     def folder(self) -> str:
@@ -276,11 +282,69 @@ class UNISIM_OT_replace_appearance(Needing, _Chooses, bpy.types.Operator):
         if actor is None:
             raise UnisimError(message("choose an actor by its thumbnail first"))
         for obj in chosen(context, "ACTOR"):
-            own = obj.unisim.uid == self.appearance and not self.scene
-            obj.unisim.look, obj.unisim.look_scene = ("", "") if own else (self.appearance, self.scene)
-            give_box(obj, box_mesh(actor.size_m, actor.label), float(actor.size_m[2]))
+            give_look(obj, self.appearance, actor, self.scene)
         refresh(chosen(context, "ACTOR"))
         return {"FINISHED"}
+
+
+def give_look(obj: bpy.types.Object, uid: str, actor: Actor, folder: str) -> None:
+    """Give an object appearance and box of an actor, of the trained scene in a folder or of the drive, its underside
+    where it was."""
+    own = obj.unisim.uid == uid and not folder
+    obj.unisim.look, obj.unisim.look_scene = ("", "") if own else (uid, folder)
+    give_box(obj, box_mesh(actor.size_m, actor.label), float(actor.size_m[2]))
+
+
+SLOW_GROUPS = ("PERSON", "CYCLE")
+"""Classes that a vehicle's speed is too much for."""
+
+
+class UNISIM_OT_swap_class(Needing, bpy.types.Operator):
+    """Replace the selected actors by those of a class that are most like them in size, on their paths, at its speeds"""
+
+    bl_idname = "unisim.swap_class"
+    bl_label = "Swap Class"
+    bl_options = {"REGISTER", "UNDO"}
+    needs = (object_mode, selected("Select an actor first", "ACTOR"), no_mesh)
+
+    group: EnumProperty(name="Class", description="Class of the new actor", items=GROUPS[1:])
+    scene: StringProperty(
+        name="Trained scene",
+        description="Folder of the trained scene; empty for the one of the drive",
+        subtype="DIR_PATH",
+        options={"SKIP_SAVE"},
+    )
+
+    @reporting
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Other boxes; who goes faster than that class does is slowed down from the start on."""
+        choice, clock = choice_of(context, self.scene), Clock.of(source_of(context.scene).drive)
+        uids = listed(choice, self.group)
+        if not uids:
+            title = interface(next(name for key, name, *_ in GROUPS if key == self.group))
+            raise UnisimError(
+                message("there are no {group} here: insert one of another trained scene instead", group=title)
+            )
+        for obj in chosen(context, "ACTOR"):
+            size_m = size_of(obj)
+            apart = {uid: float(np.linalg.norm(choice.actors[uid].size_m - size_m)) for uid in uids}
+            uid = min(uids, key=lambda uid: apart[uid])
+            give_look(obj, uid, choice.actors[uid], self.scene)
+            if self.group in SLOW_GROUPS:
+                slow_down(obj, habits_of(choice.actors[uid].label).speed_m_s, clock)
+        refresh(chosen(context, "ACTOR"))
+        return {"FINISHED"}
+
+
+def slow_down(obj: bpy.types.Object, speed_m_s: float, clock: Clock) -> None:
+    """Let an actor go at most so fast, as much slower throughout."""
+    there, span = shown_by_keys(obj, clock.frames), span_of(obj)
+    if span is None or not there.any():
+        return
+    fastest = np.nanmax(motion_of(poses_of(obj, clock.frames)[:, :3, 3], clock.times_s, there).speed_m_s)
+    if fastest > speed_m_s:
+        start_s = float(clock.time_s(np.array(span[0])))
+        retimed(obj, Retiming("SPEED", 0.0, speed_m_s / float(fastest), start_s, 0.0).frames(clock))
 
 
 PLACES = (
@@ -328,7 +392,7 @@ class UNISIM_OT_insert_actor(Needing, _Chooses, bpy.types.Operator):
         options={"HIDDEN", "SKIP_SAVE"},
     )
     group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
-    page: IntProperty(name="Page", description="Page that is shown; 0 for all at once", min=0, update=other_page)
+    page: IntProperty(name="Page", description="Page that is shown", min=0, soft_min=1, update=other_page)
     appearance: EnumProperty(name="Actor", description="Actor to insert", items=inserted)
     where: EnumProperty(name="Where", description="Location of the actor", items=PLACES)
 
@@ -399,4 +463,4 @@ class UNISIM_OT_insert_from(Needing, bpy.types.Operator, ImportHelper):
         return {"FINISHED"} if answer != {"CANCELLED"} else answer
 
 
-CLASSES = (UNISIM_OT_replace_appearance, UNISIM_OT_insert_actor, UNISIM_OT_insert_from)
+CLASSES = (UNISIM_OT_replace_appearance, UNISIM_OT_swap_class, UNISIM_OT_insert_actor, UNISIM_OT_insert_from)

@@ -24,7 +24,7 @@ from ...editing.edits.variants import file_names
 from ...editing.simulation.menus import renderer_options
 from ...editing.simulation.stated import as_simulated
 from ...editing.simulation.sweeps import ScenarioField, fields_of, sweep_document, write_jobs
-from ...editing.texts import free_name
+from ...editing.texts import free_name, translatable
 from ...preferences import device, interpreter
 from ...process.background import launch
 from ...process.tasks import Task
@@ -38,23 +38,18 @@ from .properties import parameters_of
 
 
 class BatchTask(Task):
-    """Units of a batch, which the command line tells of as they end. ``out`` is the folder or URL that it writes to.
+    """Units of a batch, which the command line tells of as they end; its folder has the scenarios.
 
     Cancelled and submitted again, it goes on with the units that are missing.
     """
 
+    title = translatable("Batch")
     hears = True
 
-    def __init__(self, arguments: list[str], folder: Path, out: str, chosen: str) -> None:
+    def __init__(self, arguments: list[str], folder: Path, chosen: str) -> None:
         super().__init__(arguments, folder, 0.0, chosen)
-        self.out = out
         self.reused = self.finished = self.failed = 0
         """Units that an earlier run had finished, that this one has, and that failed."""
-
-    @property
-    def place(self) -> str:
-        """The folder or URL of the batch; `folder` has its scenarios."""
-        return self.out
 
     @property
     def done(self) -> float:
@@ -173,7 +168,7 @@ class UNISIM_OT_submit_batch(Simulates, bpy.types.Operator):
             read[names[variant.name]] = replace(scenario, name=variant.name, path=path)
         sweeps = {name: sweep_document(name, f"{name}.json", parameters, driver) for name in read} if parameters else {}
         jobs = yield from in_thread(lambda: write_jobs(read, sweeps, folder))
-        task = BatchTask(["batch", *map(str, jobs), *arguments], folder, place, interpreter())
+        task = BatchTask(["batch", *map(str, jobs), *arguments], folder, interpreter())
         launch(task)
         if bpy.app.background and task.problem:
             raise UnisimError(task.problem)

@@ -12,9 +12,10 @@ from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ...bridge.changes.applying import apply_edits
+from ...bridge.changes.variants import delete_variant, show_variant
 from ...bridge.importing.drive import import_source, recorded_colours, set_colours
 from ...bridge.objects.imported import has_drive, skipped_sensors, source_of
-from ...bridge.views.rollouts import actor_names, keep_rollout, mark_rollout
+from ...bridge.views.rollouts import actor_names, keep_rollout, mark_rollout, scene_of_rollout
 from ...bridge.window import allowed, areas, drive, fit_camera_view, object_mode, show_tab
 from ...core.errors import UnisimError
 from ...core.formats.readers import READERS, drive_in, suffixes
@@ -41,6 +42,7 @@ from ...editing.simulation.rollouts import (
     moments_of,
     read_rollout,
     read_scores,
+    rollout_state,
 )
 from ...editing.texts import counted, series, translatable
 from ...registering import add
@@ -165,7 +167,24 @@ def take_back() -> None:
     bpy.ops.ed.undo_push(message="Import Stopped")  # nor can a redo bring the half back
 
 
-class _ImportsParts:
+class _FrameRange:
+    """Base of operators that take a range of frames."""
+
+    first_frame: IntProperty(name="First", description="First frame", min=0, options={"SKIP_SAVE"})
+    last_frame: IntProperty(
+        name="Last", description="Last frame, or that of the drive", default=99, min=0, options={"SKIP_SAVE"}
+    )
+    frame_step: IntProperty(
+        name="Step", description="Distance of frames that are rendered", default=1, min=1, options={"SKIP_SAVE"}
+    )
+
+    def draw_frames(self: Any, layout: bpy.types.UILayout) -> None:
+        """Draw the range."""
+        for name in ("first_frame", "last_frame", "frame_step"):
+            layout.prop(self, name)
+
+
+class _ImportsParts(_FrameRange):
     """Base of importers of recorded drives: which parts of the drive to import."""
 
     sensors: StringProperty(
@@ -177,13 +196,6 @@ class _ImportsParts:
     all_frames: BoolProperty(
         name="All Frames", description="Frame range of the whole drive", default=True, options={"SKIP_SAVE"}
     )
-    first_frame: IntProperty(name="First", description="First frame", min=0, options={"SKIP_SAVE"})
-    last_frame: IntProperty(
-        name="Last", description="Last frame, or that of the drive", default=99, min=0, options={"SKIP_SAVE"}
-    )
-    frame_step: IntProperty(
-        name="Step", description="Distance of frames that are rendered", default=1, min=1, options={"SKIP_SAVE"}
-    )
 
     def draw(self: Any, context: bpy.types.Context) -> None:
         """Draw the settings of drives and trained scenes."""
@@ -193,13 +205,14 @@ class _ImportsParts:
         column.prop(self, "all_frames")
         frames = column.column(align=True)
         frames.enabled = not self.all_frames
-        for name in ("first_frame", "last_frame", "frame_step"):
-            frames.prop(self, name)
+        self.draw_frames(frames)
 
     def parts(self: Any) -> ImportOptions:
         """Return which parts; what was imported before where nothing is set."""
-        frames = None if self.all_frames else (self.first_frame, self.last_frame, self.frame_step)
-        return ImportOptions.of(self.sensors if self.properties.is_property_set("sensors") else None, frames)
+        names = None
+        if self.properties.is_property_set("sensors"):
+            names = tuple(filter(None, (name.strip() for name in self.sensors.split(","))))
+        return ImportOptions(names, None if self.all_frames else (self.first_frame, self.last_frame, self.frame_step))
 
     def set_parts(self: Any) -> dict[str, Any]:
         """Return the properties that were set, by name."""
@@ -302,6 +315,11 @@ class UNISIM_OT_open_rollout(Needing, _ImportScenario, bpy.types.Operator):
         self.begun, folder = False, Path(bpy.path.abspath(self.filepath or self.directory)).absolute()
         if not is_rollout(folder):
             raise UnisimError(message("{folder}: holds no finished rollout", folder=folder))
+        shown = scene_of_rollout(folder)
+        if shown is not None and shown.unisim_simulation.state in ("", rollout_state(folder)):
+            show_variant(context.window, shown)
+            self.report({"INFO"}, message("{name} is shown: it was opened before", name=shown.name))
+            return
         opened = yield from self.run(lambda: opened_scenario(folder / SCENARIO))
         if has_drive(context.scene):
             self.begun = True
@@ -310,6 +328,10 @@ class UNISIM_OT_open_rollout(Needing, _ImportScenario, bpy.types.Operator):
             context.window.scene = scene
             yield None
         yield from self.bring_in_edited(context, opened)
+        if shown is not None:  # its folder has changed
+            name = shown.name
+            delete_variant(shown)
+            context.scene.name = name
 
 
 ImportedScenario = tuple[Scenario, DriveSource, Drive, RolloutTimes | None]
@@ -341,6 +363,7 @@ def keep_settings(before: bpy.types.Scene, new: bpy.types.Scene) -> None:
     for name in ("out", "sequence_sensors", "sequence_width"):
         setattr(new.unisim, name, getattr(before.unisim, name))
     new.world = before.world
+    new.render.engine = before.render.engine  # a view would compile the shaders of Blender's own one, for ten seconds
 
 
 class UNISIM_FH_json(bpy.types.FileHandler):
@@ -392,42 +415,48 @@ class UNISIM_OT_import_drive(_ImportsParts, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Hand it to the operator that imports such a thing; ask which where a folder holds several."""
         path = Path(bpy.path.abspath(self.filepath or self.directory)).absolute()
-        try:
-            choices = recognised(path)
-            if len(choices) > 1 and (bpy.app.background or context.window is None):
-                names = ", ".join(choice.path.relative_to(path).as_posix() for choice in choices[:MOST_CHOICES])
-                raise UnisimError(f"{path}: holds several; choose one: {names}")
-            if len(choices) > 1:
-                show_choices(context, path, choices, self.set_parts())
-                return {"INTERFACE"}
-            answer = import_recognised(choices[0], self.set_parts())
-        except (UnisimError, OSError, RuntimeError) as fault:  # the last is what the operator reports
-            self.report({"ERROR"}, str(fault).removeprefix("Error: ").strip())
-            return {"CANCELLED"}
-        return {"INTERFACE"} if answer == {"RUNNING_MODAL"} else answer  # what goes on has its own undo step
+        return handed_on(self, lambda: import_path(context, path, self.set_parts()))
+
+
+def handed_on(operator: bpy.types.Operator, call: Callable[[], set[str]]) -> set[str]:
+    """Return what another operator answers, whose errors are reported; what goes on has its own undo step."""
+    try:
+        answer = call()
+    except (UnisimError, OSError, RuntimeError) as fault:  # the last is what the other one reports
+        operator.report({"ERROR"}, str(fault).removeprefix("Error: ").strip())
+        return {"CANCELLED"}
+    return {"INTERFACE"} if answer == {"RUNNING_MODAL"} else answer
+
+
+def import_path(context: bpy.types.Context, path: Path, parts: dict[str, Any]) -> set[str]:
+    """Import what a path is or holds; ask which where that is several. Raises `UnisimError`."""
+    choices = recognised(path)
+    if len(choices) == 1:
+        return import_recognised(choices[0], parts)
+    if bpy.app.background or context.window is None:
+        names = ", ".join(choice.path.relative_to(path).as_posix() for choice in choices[:MOST_CHOICES])
+        raise UnisimError(f"{path}: holds several; choose one: {names}")
+    show_choices(context, path, choices, parts)
+    return {"INTERFACE"}
 
 
 def import_recognised(choice: Recognised, parts: dict[str, Any]) -> set[str]:
     """Call the operator that imports what was recognised, with the options of those that have any."""
-    how, path, operators = "INVOKE_DEFAULT", str(choice.path), bpy.ops.unisim
-    if choice.kind == "rig":
-        return set(operators.apply_rig("EXEC_DEFAULT", filepath=path))
-    if choice.kind == "log":
-        return set(operators.import_log(how, filepath=path, **parts))
-    if choice.kind == "scene":
-        return set(operators.import_scene(how, filepath=str(choice.path / HEADER_NAME), **parts))
-    if choice.kind == "rollout":
-        return set(operators.open_rollout(how, filepath=path))
-    return set(operators.import_scenario(how, filepath=path))
+    name, _, _ = KINDS[choice.kind]
+    path = choice.path / HEADER_NAME if choice.kind == "scene" else choice.path
+    how = "EXEC_DEFAULT" if choice.kind == "rig" else "INVOKE_DEFAULT"
+    parts = parts if choice.kind in ("log", "scene") else {}
+    return set(getattr(bpy.ops.unisim, name)(how, filepath=str(path), **parts))
 
 
 KINDS = {
-    "log": (translatable("Drive"), "FILE_FOLDER"),
-    "scene": (translatable("Trained Scene"), "SHADING_RENDERED"),
-    "scenario": (translatable("Scenario"), "FILE_TEXT"),
-    "rollout": (translatable("Rollout"), "ANIM"),
+    "log": ("import_log", translatable("Drive"), "FILE_FOLDER"),
+    "scene": ("import_scene", translatable("Trained Scene"), "SHADING_RENDERED"),
+    "scenario": ("import_scenario", translatable("Scenario"), "FILE_TEXT"),
+    "rollout": ("open_rollout", translatable("Rollout"), "ANIM"),
+    "rig": ("apply_rig", translatable("Rig Presets"), "PRESET"),
 }
-"""Names and icons of what is recognised."""
+"""Operators, names and icons of what is recognised."""
 
 
 def show_choices(context: bpy.types.Context, folder: Path, choices: list[Recognised], parts: dict[str, Any]) -> None:
@@ -436,7 +465,7 @@ def show_choices(context: bpy.types.Context, folder: Path, choices: list[Recogni
     def draw(menu: bpy.types.Menu, _: bpy.types.Context) -> None:
         menu.layout.operator_context = "INVOKE_DEFAULT"
         for kind, path in choices[:MOST_CHOICES]:
-            name, icon = KINDS[kind]
+            _, name, icon = KINDS[kind]
             text = f"{path.relative_to(folder).as_posix()} ({interface(name)})"
             entry = menu.layout.operator("unisim.import_drive", text=text, translate=False, icon=icon)
             for option, value in {**parts, "filepath": str(path)}.items():
@@ -445,7 +474,7 @@ def show_choices(context: bpy.types.Context, folder: Path, choices: list[Recogni
     context.window_manager.popup_menu(draw, title=interface("Import From {folder}", folder=folder.name), icon="IMPORT")
 
 
-class UNISIM_OT_import_parts(Needing, bpy.types.Operator):
+class UNISIM_OT_import_parts(_FrameRange, Needing, bpy.types.Operator):
     """Choose the imported sensors of the drive and the frame range; edited sensors stay"""
 
     bl_idname = "unisim.import_parts"
@@ -459,17 +488,11 @@ class UNISIM_OT_import_parts(Needing, bpy.types.Operator):
         items=lambda self, context: sensor_items(context.scene),
         options={"ENUM_FLAG", "SKIP_SAVE"},
     )
-    first_frame: IntProperty(name="First", description="First frame", min=0, options={"SKIP_SAVE"})
-    last_frame: IntProperty(name="Last", description="Last frame", min=0, options={"SKIP_SAVE"})
-    frame_step: IntProperty(
-        name="Step", description="Distance of frames that are rendered", default=1, min=1, options={"SKIP_SAVE"}
-    )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask, as the scene has them."""
         scene = context.scene
-        skipped = skipped_sensors(scene)
-        self.sensors = {item[0] for item in sensor_items(scene) if item[0] not in skipped}
+        self.sensors = {item[0] for item in sensor_items(scene)} - skipped_sensors(scene)
         self.first_frame, self.last_frame, self.frame_step = scene.frame_start, scene.frame_end, scene.frame_step
         return set(context.window_manager.invoke_props_dialog(self, confirm_text="Import"))
 
@@ -477,22 +500,15 @@ class UNISIM_OT_import_parts(Needing, bpy.types.Operator):
         """Draw a switch for each sensor, and the frames."""
         column = settings_column(self.layout)
         column.column(align=True).prop(self, "sensors")
-        frames = column.column(align=True)
-        for name in ("first_frame", "last_frame", "frame_step"):
-            frames.prop(self, name)
+        self.draw_frames(column.column(align=True))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Import the drive again."""
         about = context.scene.unisim
         kind, path = ("scene", about.scene) if about.scene else ("log", about.log)
-        frames = {name: getattr(self, name) for name in ("first_frame", "last_frame", "frame_step")}
-        parts = {"sensors": ",".join(sorted(self.sensors)), "all_frames": False, **frames}
-        try:
-            answer = import_recognised(Recognised(kind, Path(bpy.path.abspath(path))), parts)
-        except RuntimeError as fault:
-            self.report({"ERROR"}, str(fault).removeprefix("Error: ").strip())
-            return {"CANCELLED"}
-        return {"INTERFACE"} if answer == {"RUNNING_MODAL"} else answer
+        parts = {name: getattr(self, name) for name in ("first_frame", "last_frame", "frame_step")}
+        parts |= {"sensors": ",".join(sorted(self.sensors)), "all_frames": False}
+        return handed_on(self, lambda: import_recognised(Recognised(kind, Path(bpy.path.abspath(path))), parts))
 
 
 _items: list[tuple[str, str, str]] = []

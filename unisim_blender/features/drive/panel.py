@@ -22,7 +22,8 @@ class UNISIM_PT_drive(DrivePanel, bpy.types.Panel):
     """The drive that the scene was imported from"""
 
     bl_label = "Drive"
-    bl_order = 4
+    bl_order = 1
+    tasks = ("VIEW",)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw log, trained scene, what is there, and what is shown."""
@@ -41,8 +42,7 @@ class UNISIM_PT_drive(DrivePanel, bpy.types.Panel):
             "OUTLINER_OB_GROUP_INSTANCE",
         )
         layout.operator("unisim.import_parts", icon="PRESET")
-        if not about.scene:
-            layout.operator("unisim.import_scene", text="Import Trained Scene", icon="IMPORT")
+        layout.operator("unisim.import_scene", text="Import Trained Scene", icon="IMPORT")
 
 
 class UNISIM_PT_show(DrivePanel, bpy.types.Panel):
@@ -50,7 +50,6 @@ class UNISIM_PT_show(DrivePanel, bpy.types.Panel):
 
     bl_label = "Show"
     bl_parent_id = "UNISIM_PT_drive"
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw switches, and how LiDAR points are drawn; what does not apply is grey."""
@@ -67,8 +66,7 @@ class UNISIM_PT_show(DrivePanel, bpy.types.Panel):
             now = (about.show_recorded, about.show_simulated) == (recorded, simulated)
             shown = row.operator("unisim.show_points", text=name, depress=now)
             shown.recorded, shown.simulated = recorded, simulated
-        if context.window_manager.unisim_points:
-            layout.label(text=context.window_manager.unisim_points, translate=False, icon="INFO")
+        layout.label(text=context.window_manager.unisim_points or "–", translate=False, icon="INFO")
         column = layout.column()
         column.enabled = about.show_recorded or about.show_simulated
         column.prop(about, "points_colour", text="Colour by")

@@ -13,6 +13,8 @@ from bpy.props import (
     StringProperty,
 )
 
+from ..sidebar import switch_of
+
 KINDS = (
     ("NONE", "None", "Not part of a drive"),
     ("EGO", "Ego vehicle", "Vehicle that recorded the drive"),
@@ -69,7 +71,7 @@ class UniSimObject(bpy.types.PropertyGroup):
     copy is called in a scenario is derived when the scenario is read."""
 
     # .blend files keep these under their names: `home` is the original name, `look` and `look_scene` the appearance
-    kind: EnumProperty(name="Kind", items=KINDS, default="NONE")
+    kind: EnumProperty(name="Kind", description="What of a drive the object stands for", items=KINDS, default="NONE")
     uid: StringProperty(name="Id", description="Identifier in the log or the scenario")
     home: StringProperty(name="Name", description="Name of the object when it was imported; copies have another name")
     look: StringProperty(name="Appearance", description="Actor whose appearance this object has; empty for its own")
@@ -107,10 +109,10 @@ class UniSimItem(bpy.types.PropertyGroup):
 class UniSimWarning(bpy.types.PropertyGroup):
     """A finding on the object ``name``, with place and time."""
 
-    frame: IntProperty(name="Frame")
+    frame: IntProperty(name="Frame", description="Frame at which it is found")
     time_s: FloatProperty(name="Time", description="Seconds of the log", unit="TIME_ABSOLUTE")
     place: FloatVectorProperty(name="Location", description="World location of the object at that time", size=3)
-    text: StringProperty(name="Warning")
+    text: StringProperty(name="Warning", description="What is implausible")
     text_parts: StringProperty(
         options={"HIDDEN"}
     )  # so that it can be told in other languages; "" in files of earlier versions
@@ -166,10 +168,17 @@ class UniSimScene(bpy.types.PropertyGroup):
     )
     sequence_width: IntProperty(
         name="Width",
-        description="Image width of sequences in pixels; 0 for the width of each camera",
+        description="Image width of sequences in pixels",
         default=0,
         min=0,
+        soft_min=8,
         subtype="PIXEL",
+    )
+    has_sequence_width: switch_of(
+        "sequence_width",
+        lambda self: self.id_data.render.resolution_x,
+        "Set Width",
+        "Images of sequences have this width; while off, each camera has its own",
     )
     contact_shadows: BoolProperty(name="Contact shadows", description="Soft shadows under copied and inserted actors")
     show_ways: BoolProperty(
@@ -223,8 +232,6 @@ PROPERTIES = (
     (bpy.types.Scene, "unisim", PointerProperty(type=UniSimScene)),
     (bpy.types.Scene, "unisim_check", PointerProperty(type=UniSimCheck)),
     (bpy.types.WindowManager, "unisim_renderer", StringProperty(description="Result of the last test of the renderer")),
-    (bpy.types.WindowManager, "unisim_task", StringProperty(description="Progress of the background task")),
-    (bpy.types.WindowManager, "unisim_progress", FloatProperty(subtype="FACTOR", min=0.0, max=1.0)),
     (
         bpy.types.WindowManager,
         "unisim_points",

@@ -1,5 +1,5 @@
-"""Operators of the gizmos in the 3D view: they drag the ego vehicle's lane, an actor's trajectory, a sensor's
-direction.
+"""Operators of the gizmos in the 3D view: they drag the ego vehicle's lane, an actor's trajectory and its speed, a
+sensor's direction.
 
 Each is one undo step, Esc or the right mouse button puts everything back, and `execute` does with numbers what dragging
 does.
@@ -7,6 +7,7 @@ does.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import bpy
@@ -16,25 +17,35 @@ from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_
 from mathutils import Vector
 
 from ...bridge.changes.handles import TransformSnapshot, displace_at
-from ...bridge.changes.motion import displaced_along
-from ...bridge.objects.imported import imported_objects, source_of
+from ...bridge.changes.motion import displaced_along, respeeded
+from ...bridge.objects.imported import class_of, imported_objects, source_of
 from ...bridge.objects.sensors import aim, base_of, direction_of, is_keyed
-from ...bridge.objects.trajectories import keyed_pose, trajectory_of
+from ...bridge.objects.trajectories import keyed_pose, own_trajectory, trajectory_of
 from ...bridge.window import Need, allowed, object_mode, refresh, vehicle
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
-from ...editing.motion.keys import along_axis, on_plane, stepped
+from ...editing.edits.lines import metres
+from ...editing.layout.speed_graph import axes_of, speed_of
+from ...editing.motion.braking import speed_at
+from ...editing.motion.keys import BLEND_S, along_axis, on_plane, stepped
+from ...editing.motion.kinematics import describe, is_limited
 from ...editing.motion.retiming import instant
 from ...editing.sampled.clock import Clock
 from ...editing.sensors.mounts import angles
-from ...editing.texts import Text, translatable
-from ...translations import interface, localized, tooltip
+from ...editing.texts import Text, kmh, series, translatable
+from ...translations import interface, localized, message, tooltip
 from ..operator_bases import Needing
+from .overlay import Grip, graph_place, grips
+from .properties import graph_of, limits_of
 
 CLICK_PX = 3
 """Moving the mouse by less is a click, which is meant for what lies under the gizmo."""
-STEP_M, STEP_DEG = 0.5, 5.0
+STEP_M, STEP_DEG, STEP_M_S = 0.5, 5.0, 5 / 3.6
 """Steps while Ctrl is held."""
+WHEEL = 1.2
+"""By which factor a turn of the wheel changes how far a drag reaches."""
+LEAST_M_S2 = 0.1
+"""Smaller accelerations are not told."""
 HINT = translatable("{done}  |  Ctrl: steps, Esc: cancel")
 TARGET_M = 5.0
 """Distance of the handle that turns a sensor from it, in metres."""
@@ -68,6 +79,10 @@ class Dragged:
         """Return the object that is moved."""
         return context.active_object
 
+    def subjects(self: Any, context: bpy.types.Context) -> list[bpy.types.Object]:
+        """Return what is changed with it, itself among it."""
+        return [self.subject(context)]
+
     def begin(self: Any, context: bpy.types.Context) -> None:
         """Note what has to be known before anything moves."""
 
@@ -85,7 +100,7 @@ class Dragged:
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Begin to follow the mouse."""
         self.pressed, self.moved = (event.mouse_region_x, event.mouse_region_y), False
-        self.start = TransformSnapshot.of(self.subject(context))
+        self.starts = [(obj, TransformSnapshot.of(obj)) for obj in self.subjects(context)]
         try:
             self.begin(context)
         except (UnisimError, OSError) as fault:
@@ -100,28 +115,43 @@ class Dragged:
             return self.put_back(context)
         mouse = event.mouse_region_x, event.mouse_region_y
         self.moved = self.moved or max(abs(mouse[0] - self.pressed[0]), abs(mouse[1] - self.pressed[1])) >= CLICK_PX
-        if event.type == "MOUSEMOVE" and self.moved:
-            self.start.restore(self.subject(context))
+        if (event.type == "MOUSEMOVE" or self.turned(event)) and self.moved:
+            self.restore()
             self.follow(context, np.array(self.pressed, float), np.array(mouse, float), event.ctrl)
             self.apply(context)
             refresh([self.subject(context)])
-            context.area.header_text_set(interface(HINT, done=self.said(context)))
+            context.area.header_text_set(interface(self.hint, done=self.said(context)))
         elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
             if not self.moved:
                 self.put_back(context)
                 bpy.ops.view3d.select("INVOKE_DEFAULT", True, location=mouse)
                 return {"CANCELLED"}
-            context.area.header_text_set(None)
+            self.let_go(context)
             self.report({"INFO"}, localized(self.said(context)))
             return {"FINISHED"}
         return {"RUNNING_MODAL"}
 
+    hint = HINT
+
+    def turned(self: Any, event: bpy.types.Event) -> bool:
+        """Take a turn of the mouse wheel; return whether it means anything."""
+        return False
+
+    def restore(self: Any) -> None:
+        """Put everything back where it stood."""
+        for obj, start in self.starts:
+            start.restore(obj)
+
+    def let_go(self: Any, context: bpy.types.Context) -> None:
+        """End what shows that it is dragged."""
+        context.area.header_text_set(None)
+
     def put_back(self: Any, context: bpy.types.Context) -> set[str]:
         """Put it back where it stood."""
         if self.moved:
-            self.start.restore(self.subject(context))
+            self.restore()
             refresh([self.subject(context)])
-        context.area.header_text_set(None)
+        self.let_go(context)
         return {"CANCELLED"}
 
     def cancel(self: Any, context: bpy.types.Context) -> None:
@@ -159,7 +189,7 @@ class UNISIM_OT_drag_ego(Needing, Dragged, bpy.types.Operator):
     def said(self, context: bpy.types.Context) -> str:
         """Return what is done."""
         length = abs(self.left_m)
-        shift = Text("{length:.2f} m to the left" if self.left_m >= 0 else "{length:.2f} m to the right", length=length)
+        shift = Text("{length} to the left" if self.left_m >= 0 else "{length} to the right", length=metres(length))
         return Text("Shift ego lane: {shift}", shift=shift)
 
 
@@ -217,6 +247,84 @@ class UNISIM_OT_drag_trajectory(Needing, Dragged, bpy.types.Operator):
         away = float(np.linalg.norm(self.offset_m))
         when = instant(self.time_s, self.clock(context))
         return Text("{name}: {length:.2f} m at {time}", name=self.subject(context).name, length=away, time=when)
+
+
+class UNISIM_OT_drag_speed(Needing, Dragged, bpy.types.Operator):
+    """Drag the active actor's speed at this time; it stays on its path, and speeds before and after it blend in and out"""
+
+    bl_idname = "unisim.drag_speed"
+    bl_label = "Change Speed"
+    needs = (object_mode, moving_actor)
+
+    time_s: FloatProperty(name="At", description="In seconds of the log", unit="TIME_ABSOLUTE", options={"SKIP_SAVE"})
+    speed_m_s: FloatProperty(
+        name="Speed", description="Speed at this time", min=0.0, unit="VELOCITY", options={"SKIP_SAVE"}
+    )
+    reach_s: FloatProperty(
+        name="Falloff",
+        description="Time before and after it in which the speed changes, less and less",
+        default=BLEND_S,
+        min=0.3,
+        max=20.0,
+        unit="TIME_ABSOLUTE",
+    )
+    hint = translatable("{done}  |  Ctrl: steps, wheel: falloff, Esc: cancel")
+
+    def subjects(self, context: bpy.types.Context) -> list[bpy.types.Object]:
+        """Return the actor and its trajectory."""
+        return [obj for obj in (self.subject(context), own_trajectory(self.subject(context))) if obj is not None]
+
+    def begin(self, context: bpy.types.Context) -> None:
+        """Note the time under the mouse, the speed there and the scale of the graph."""
+        place = graph_place(context)
+        time_s = place.time_at(*self.pressed, math.inf) if place is not None else None
+        if place is None or time_s is None:
+            raise UnisimError(message("show the speed graph first"))
+        self.scale, self.axes = place.scale, axes_of(place.graph)
+        self.time_s, self.before_m_s = time_s, float(speed_of(place.graph, time_s))
+        self.speed_m_s = self.before_m_s
+        self.mark(context)
+
+    def turned(self, event: bpy.types.Event) -> bool:
+        """Let it reach farther or less far."""
+        factor = {"WHEELUPMOUSE": 1 / WHEEL, "WHEELDOWNMOUSE": WHEEL}.get(event.type, 1.0)
+        self.reach_s *= factor
+        return factor != 1.0
+
+    def follow(self, context: bpy.types.Context, pressed: FloatArray, mouse: FloatArray, in_steps: bool) -> None:
+        """Set the speed to what the mouse moved up or down."""
+        speed = self.before_m_s + self.axes.speed_m_s(float(mouse[1] - pressed[1]) / self.scale)
+        self.speed_m_s = max(stepped(speed, STEP_M_S, in_steps), 0.0)
+        self.mark(context)
+
+    def mark(self, context: bpy.types.Context) -> None:
+        """Show where it is dragged, on the axes that were there at first."""
+        obj, drive = self.subject(context), source_of(context.scene).drive
+        limit = limits_of(context.scene).acceleration_m_s2 if is_limited(class_of(obj, drive)) else 0.0
+        grips["drag"] = Grip(self.time_s, self.reach_s, limit, self.axes.top_m_s, self.speed_m_s)
+
+    def let_go(self, context: bpy.types.Context) -> None:
+        """End what shows that it is dragged."""
+        grips.clear()
+        super().let_go(context)
+
+    def apply(self, context: bpy.types.Context) -> None:
+        """Put it to other places of its path from then on."""
+        clock = Clock.of(source_of(context.scene).drive)
+        args = self.time_s, self.speed_m_s, self.reach_s, clock
+        respeeded(self.subject(context), lambda keys: speed_at(keys, *args), clock)
+
+    def said(self, context: bpy.types.Context) -> str:
+        """Return what is done, and how hard it brakes or speeds up around it."""
+        clock = Clock.of(source_of(context.scene).drive)
+        words: list[str] = [Text("{speed} at {time}", speed=kmh(self.speed_m_s), time=instant(self.time_s, clock))]
+        graph = graph_of(context)
+        if graph is not None:
+            near = np.abs(clock.times_s - self.time_s) <= self.reach_s
+            values = np.nan_to_num(graph.now.acceleration_m_s2[near])
+            if len(values) and np.abs(values).max() > LEAST_M_S2:
+                words.append(describe("acceleration_m_s2", float(values[np.abs(values).argmax()])))
+        return series([self.subject(context).name, series(words)], ": ")
 
 
 class _Aimed:
@@ -309,4 +417,10 @@ def ray(context: bpy.types.Context, mouse: FloatArray) -> tuple[FloatArray, Floa
     )
 
 
-CLASSES = (UNISIM_OT_drag_ego, UNISIM_OT_drag_trajectory, UNISIM_OT_aim_sensor, UNISIM_OT_drag_aim)
+CLASSES = (
+    UNISIM_OT_drag_ego,
+    UNISIM_OT_drag_trajectory,
+    UNISIM_OT_drag_speed,
+    UNISIM_OT_aim_sensor,
+    UNISIM_OT_drag_aim,
+)

@@ -1,5 +1,5 @@
-"""Gizmos in the 3D view: an arrow for the ego vehicle's lane, handles on a trajectory, a handle for a
-sensor's direction.
+"""Gizmos in the 3D view: an arrow for the ego vehicle's lane, handles on a trajectory, the curve of the speed graph, a
+handle for a sensor's direction.
 
 They start the operators of `operators.drag`, which do the work. In a view through a camera of the drive they are off,
 as they would lie over the image, unless Gizmos > In Recorded Views says otherwise.
@@ -24,6 +24,7 @@ from ...editing.layout.shapes import INNER, arrow, disc
 from ...editing.motion.keys import HANDLE_LIMIT, Handle
 from ...editing.sampled.clock import Clock
 from .drag import TARGET_M, active_sensor, moving_actor, target_of
+from .overlay import Grip, graph_place, grips
 
 HANDLE, TARGET = 0.09, 0.11
 """Radii of round handles, as shares of Blender's gizmo size."""
@@ -117,6 +118,28 @@ class UNISIM_GT_arrow(_Shape, bpy.types.Gizmo):
         return 0 if (Vector(location) - nearest.to_2d()).length <= self.reach(context) else -1
 
 
+class UNISIM_GT_speed(bpy.types.Gizmo):
+    """The curve of the speed graph"""
+
+    bl_idname = "UNISIM_GT_speed"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Nothing: the graph is drawn with the overlays, and a dot on it where the mouse is."""
+        if not self.is_highlight and grips.pop("hover", None) is not None:
+            context.region.tag_redraw()
+
+    def test_select(self, context: bpy.types.Context, location: tuple[int, int]) -> int:
+        """Return 0 where the mouse is on the curve, else -1."""
+        place = graph_place(context)
+        near = HIT_PX * context.preferences.system.ui_scale
+        time_s = place.time_at(*location, near) if place is not None else None
+        if time_s is None:
+            return -1
+        grips["hover"] = Grip(time_s)
+        context.region.tag_redraw()
+        return 0
+
+
 class _Group:
     """Base of the groups of gizmos."""
 
@@ -180,6 +203,27 @@ class UNISIM_GGT_trajectory(_Group, bpy.types.GizmoGroup):
                 handle.matrix_basis = Matrix.Translation(Vector(handles[i].place))
                 properties.time_s = handles[i].time_s
                 painted(handle, KEY_COLOUR if handles[i].is_key else SECOND_COLOUR)
+
+
+class UNISIM_GGT_speed(bpy.types.GizmoGroup):
+    """The curve of the speed graph, which changes the active actor's speed"""
+
+    bl_label = "Speed"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "WINDOW"
+    bl_options = {"PERSISTENT", "SCALE", "SHOW_MODAL_ALL"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The graph of a moving actor has to be drawn."""
+        shown = context.scene.unisim_motion.show_graph and context.space_data.show_gizmo
+        return bool(shown and context.mode == "OBJECT" and moving_actor(context)[0])
+
+    def setup(self, context: bpy.types.Context) -> None:
+        """Take hold of the curve."""
+        self.curve = self.gizmos.new(UNISIM_GT_speed.bl_idname)
+        self.curve.target_set_operator("unisim.drag_speed")
+        self.curve.use_draw_modal = True
 
 
 class UNISIM_GGT_aim(_Group, bpy.types.GizmoGroup):
@@ -259,6 +303,6 @@ def draw_switches(self: bpy.types.Panel, context: bpy.types.Context) -> None:
         below.prop(context.scene.unisim_motion, "gizmos_in_cameras")
 
 
-GROUPS = (UNISIM_GGT_lane, UNISIM_GGT_trajectory, UNISIM_GGT_aim)
-CLASSES = (UNISIM_GT_dot, UNISIM_GT_arrow, *GROUPS)
+GROUPS = (UNISIM_GGT_lane, UNISIM_GGT_trajectory, UNISIM_GGT_speed, UNISIM_GGT_aim)
+CLASSES = (UNISIM_GT_dot, UNISIM_GT_arrow, UNISIM_GT_speed, *GROUPS)
 MENUS = ((bpy.types.VIEW3D_PT_gizmo_display, draw_switches),)

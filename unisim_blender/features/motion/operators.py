@@ -6,14 +6,14 @@ import bpy
 import numpy as np
 from bpy.props import EnumProperty, FloatProperty
 
-from ...bridge.changes.motion import displaced_along, follow, retimed, shift, stopped
+from ...bridge.changes.motion import displaced_along, follow, respeeded, retimed, shift
 from ...bridge.objects.imported import class_of, source_of
 from ...bridge.objects.meshes import size_of
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.window import allowed, chosen, counted_names, object_mode, refresh, selected
 from ...core.errors import UnisimError
 from ...core.world.drive import Drive
-from ...editing.motion.braking import Approach, Habits, habits_of
+from ...editing.motion.braking import Approach, Habits, braked, habits_of, other_speed
 from ...editing.motion.kinematics import describe
 from ...editing.motion.plausibility import ground_height
 from ...editing.motion.retiming import Retiming, followed, followed_briefly, later_or_earlier
@@ -57,7 +57,7 @@ class Braking:
     braking: EnumProperty(name="Braking", description="How hard the actor brakes", items=BRAKING)
     deceleration_m_s2: FloatProperty(
         name="Deceleration",
-        description="Deceleration while it brakes",
+        description="Deceleration while it brakes; other speeds are also sped up to by it",
         default=2.0,
         min=0.1,
         soft_max=10.0,
@@ -183,6 +183,10 @@ MODES = (
     ("STOP", "Stop and go", "Brake from a time on, stand, then continue"),
     ("STRETCH", "Stretch", "Change the speed between two times; later keyframes shift accordingly"),
 )
+STRETCH_S = 4.0
+"""Default length of what is stretched, in which cars can brake to half of their speed."""
+HARDER = 1.2
+"""From this factor of what was asked for on, the report says how hard actors brake or speed up."""
 NEEDED = {
     "DELAY": ("seconds",),
     "SPEED": ("first_s", "speed"),
@@ -224,7 +228,7 @@ class UNISIM_OT_retime_actor(FromTime, Braking, Needing, bpy.types.Operator):
             drive = source_of(context.scene).drive
         except (UnisimError, OSError):
             return
-        if self.mode == "STOP":
+        if self.mode != "DELAY":
             self.draw_braking(actor_habits(chosen(context, "ACTOR")[0], drive))
         for line in self.retiming(Clock.of(drive)).lines(Clock.of(drive)):
             self.layout.label(text=localized(line), translate=False)
@@ -240,23 +244,36 @@ class UNISIM_OT_retime_actor(FromTime, Braking, Needing, bpy.types.Operator):
         clock = Clock.of(drive)
         self.start_at(context.scene, clock)
         if not self.properties.is_property_set("last_s"):
-            self.last_s = self.first_s + 2.0
+            self.last_s = self.first_s + STRETCH_S
         retiming = self.retiming(clock)
         if self.mode == "STRETCH" and self.first_s >= self.last_s:
             raise UnisimError(
                 message("From ({first:g} s) must be earlier than To ({last:g} s)", first=self.first_s, last=self.last_s)
             )
-        for obj in actors:
-            if self.mode == "STOP":
-                habits = actor_habits(obj, drive)
-                hard = self.deceleration_of(habits)
-                gently = min(hard, habits.comfortable_m_s2)
-                stopped(obj, retiming.first_s, abs(self.seconds), hard, gently, clock)
-            else:
-                retimed(obj, retiming.frames(clock))
+        hardest = max(self.retime(obj, retiming, drive, clock) for obj in actors)
         refresh(actors)
-        self.report({"INFO"}, localized(series([counted_names(actors), retiming.summary(clock)], ": ")))
+        done = [retiming.summary(clock)]
+        if hardest > HARDER * self.deceleration_of(actor_habits(actors[0], drive)):
+            done.append(describe("acceleration_m_s2", hardest if self.speed > 1 else -hardest))
+        self.report({"INFO"}, localized(series([counted_names(actors), series(done)], ": ")))
         return {"FINISHED"}
+
+    def retime(self, obj: bpy.types.Object, retiming: Retiming, drive: Drive, clock: Clock) -> float:
+        """Move an actor's keys, and return by how much it brakes or speeds up at most."""
+        habits = actor_habits(obj, drive)
+        hard = gently = self.deceleration_of(habits)
+        if self.braking != "CUSTOM" or self.mode == "STOP":
+            gently = min(hard, habits.comfortable_m_s2)
+        first_s, last_s = retiming.first_s, self.last_s if self.mode == "STRETCH" else None
+        change = None
+        if self.mode == "STOP":
+            change = respeeded(obj, lambda keys: braked(keys, first_s, abs(self.seconds), hard, gently, clock), clock)
+        elif self.mode != "DELAY":
+            speed = self.speed
+            change = respeeded(obj, lambda keys: other_speed(keys, first_s, last_s, speed, hard, gently, clock), clock)
+        if change is None and self.mode != "STOP":
+            retimed(obj, retiming.frames(clock))
+        return 0.0 if change is None else change.hardest_m_s2
 
 
 class UNISIM_OT_shift_actor(Needing, bpy.types.Operator):

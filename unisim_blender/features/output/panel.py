@@ -1,45 +1,42 @@
-"""Panel Output, and where quality stands beside them: Render Properties and the view's header."""
-
-import textwrap
+"""Panel Output, and the quality in Render Properties."""
 
 import bpy
 
 from ...bridge.objects.settings import captures_stated
 from ...editing.reading.scenario import captures_words
-from ...process.background import newest, owner
+from ...process.background import running
+from ...process.tasks import SequenceTask
 from ...translations import interface, localized
-from ..sidebar import DrivePanel, Sidebar, settings_column
+from ..sidebar import DrivePanel, Sidebar, draw_task, optional_row, settings_column
 from .operators import results_of
-
-PROBLEM_WIDTH = 40
-"""Of a line of the panel at its first width, in letters."""
 
 
 class UNISIM_PT_output(Sidebar, bpy.types.Panel):
     """Images and sweeps of the whole drive"""
 
     bl_label = "Output"
-    bl_order = 8
+    bl_order = 1
+    tasks = ("RENDER",)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there, or a task that was begun in another file."""
-        return bool(context.scene.unisim.log or newest)
+        """A drive has to be there, or a task that runs for another file."""
+        return bool(context.scene.unisim.log or running) and super().poll(context)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw settings, what runs, and the export; in a file without a drive only what runs."""
         layout, about = self.layout, context.scene.unisim
         if not about.log:
-            draw_task(layout, context.window_manager)
+            draw_task(layout, context.scene, type(running[0]))
             return
         column = settings_column(layout)
         column.prop(about, "out")
         column.prop(about, "sequence_sensors")
-        column.prop(about, "sequence_width")
+        optional_row(column, "Width", "Each camera's own", about, "has_sequence_width", "sequence_width")
         column.prop(about, "quality")
         draw_captures(layout, context.scene)
         layout.operator("unisim.render_sequence", icon="RENDER_ANIMATION")
-        draw_task(layout, context.window_manager)
+        draw_task(layout, context.scene, SequenceTask)
         draw_results(layout, context)
         layout.operator("unisim.export_scenario", icon="EXPORT")
 
@@ -71,17 +68,6 @@ class UNISIM_PT_passes(DrivePanel, bpy.types.Panel):
         column.prop(about, "opacity_pass")
         column.prop(about, "contact_shadows")
         column.prop(about, "clip_render")
-
-
-def draw_task(layout: bpy.types.UILayout, manager: bpy.types.WindowManager) -> None:
-    """Draw how far the task is that runs, and what ends it."""
-    layout.progress(factor=manager.unisim_progress, text=manager.unisim_task or interface("No task"))
-    layout.label(text=owner() or "–", translate=False, icon="FILE_FOLDER")
-    if newest and newest[0].problem:  # longer than a bar
-        lines = layout.column(align=True)
-        for line in textwrap.wrap(newest[0].problem, PROBLEM_WIDTH):
-            lines.label(text=line, translate=False)
-    layout.operator("unisim.cancel_task", icon="CANCEL")
 
 
 def draw_results(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
@@ -116,11 +102,4 @@ class UNISIM_PT_render(bpy.types.Panel):
         layout.prop(context.scene.unisim, "contact_shadows")
 
 
-def draw_quality(self: bpy.types.Header, context: bpy.types.Context) -> None:
-    """Draw the quality in the header of a view that the engine draws."""
-    if context.scene.render.engine == "UNISIM" and context.space_data.shading.type == "RENDERED":
-        self.layout.prop(context.scene.unisim, "quality", text="")
-
-
 CLASSES = (UNISIM_PT_output, UNISIM_PT_passes, UNISIM_PT_render)
-MENUS = ((bpy.types.VIEW3D_HT_header, draw_quality),)

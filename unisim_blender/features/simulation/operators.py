@@ -19,7 +19,8 @@ from ...core.errors import UnisimError
 from ...editing.sampled.clock import Clock
 from ...editing.simulation import stated
 from ...editing.simulation.menus import is_remote, renderer_options
-from ...editing.simulation.rollouts import count_steps, read_rollout, scenario_path, write_inputs
+from ...editing.simulation.rollouts import count_steps, read_rollout, scenario_path, variant_of, write_inputs
+from ...editing.texts import translatable
 from ...preferences import device, interpreter
 from ...process.background import launch
 from ...process.tasks import SequenceTask
@@ -33,6 +34,8 @@ from .properties import driver_of
 class RolloutTask(SequenceTask):
     """A rollout in its folder; ``total`` are its steps. Cancelled and started again, it goes on with the steps that are
     missing."""
+
+    title = translatable("Simulation")
 
     @property
     def done(self) -> float:
@@ -92,7 +95,9 @@ class Simulates(AtOnce, ReadsScenes):
         command += ["--driver-address", about.address.strip()] if is_remote(driver) else []
         command += [*sensor_options(sensors), *renderer_options(about.renderer), *width_options(scene)]
         read = yield from self.scenario(scene, parent / "scenario.json", self.start_of(scene))
-        scenario, scene_name = stated.as_simulated(read), scene.name
+        scenario, scene_name, opened = stated.as_simulated(read), scene.name, rollout_folder(scene)
+        if opened is not None and scene_name == opened.name:  # rollouts of rollouts are named alike
+            scene_name = variant_of(opened)
         total = stated.count_steps(scenario, source.drive)
         folder = yield from in_thread(lambda: write_inputs(scenario, command, parent, scene_name, driver))
         arguments = ["drive", str(scenario_path(folder)), "--out", str(folder), "--resume", *command]

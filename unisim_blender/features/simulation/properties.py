@@ -182,7 +182,8 @@ def _renderer_items(self: Any, context: bpy.types.Context | None) -> list[Render
 
 class UniSimSimulation(bpy.types.PropertyGroup):
     """The simulation of a scene. ``rollout`` is the folder of the rollout that the scene was opened from, ``span_s``
-    its first and last time; ``scored`` the one whose scores are shown."""
+    its first and last time, ``state`` that of its files then; ``scored`` the one whose scores are shown; ``hidden`` are
+    names of rollouts that the list leaves out, with "/" between."""
 
     document: StringProperty(options={"HIDDEN"})
     others: PointerProperty(type=UniSimModel)
@@ -214,7 +215,9 @@ class UniSimSimulation(bpy.types.PropertyGroup):
     )
     rollout: StringProperty(options={"HIDDEN"})
     span_s: bpy.props.FloatVectorProperty(size=2, options={"HIDDEN"})
+    state: StringProperty(options={"HIDDEN"})
     scored: StringProperty(options={"HIDDEN"})
+    hidden: StringProperty(options={"HIDDEN"})
     show_plans: BoolProperty(
         name="Plans", description="Draw the plan of the driver at the current frame of an opened rollout", default=True
     )

@@ -20,6 +20,7 @@ from ...core.sequence.records import finished_moments
 from ...core.world.captures import CaptureKey
 from ...editing.edits.variants import file_names, free_variant_name
 from ...editing.reading.scenario import write_scenario
+from ...editing.texts import translatable
 from ...preferences import interpreter
 from ...process.background import launch
 from ...process.tasks import SequenceTask
@@ -46,6 +47,9 @@ class VariantRun:
 
 class VariantsTask(SequenceTask):
     """The sequences of several variants. Cancelled and started again, it goes on with the frames that are missing."""
+
+    title = translatable("Variants")
+    of_scene = False
 
     def __init__(self, parts: list[VariantRun], folder: Path, chosen: str) -> None:
         super().__init__([], folder, float(sum(len(part.wanted) for part in parts)), chosen)
@@ -103,7 +107,7 @@ class _Named(Needing):
 
     needs = (object_mode, drive)
 
-    name: StringProperty(name="Name", options={"SKIP_SAVE"})
+    name: StringProperty(name="Name", description="Name of the variant", options={"SKIP_SAVE"})
 
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for the name."""

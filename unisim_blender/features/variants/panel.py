@@ -10,11 +10,10 @@ from ...bridge.changes.variants import variants_of
 from ...bridge.sampling.edit_list import reading_of
 from ...editing.edits.variants import Difference, compared
 from ...editing.texts import wrapped
-from ...process.background import newest
 from ...translations import interface, localized
 from ..edits import watch as edit_watch
 from ..edits.panel import LineWidth, count_text, pressed, room_of
-from ..sidebar import DrivePanel
+from ..sidebar import DrivePanel, draw_task
 from .operators import VariantsTask
 
 MOST = 30
@@ -25,7 +24,8 @@ class UNISIM_PT_variants(DrivePanel, bpy.types.Panel):
     """Scenarios of this drive in this file"""
 
     bl_label = "Variants"
-    bl_order = 2
+    bl_order = 4
+    tasks = ("EDIT", "RENDER")
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -45,10 +45,8 @@ class UNISIM_PT_variants(DrivePanel, bpy.types.Panel):
         row.operator("unisim.delete_variant", text="", icon="TRASH")
         column = layout.column(align=True)
         column.operator("unisim.render_variants", icon="RENDER_ANIMATION")
-        if newest and isinstance(newest[0], VariantsTask):
-            column.progress(factor=manager.unisim_progress, text=manager.unisim_task)
-            column.operator("unisim.cancel_task", icon="CANCEL")
         column.operator("unisim.export_variants", icon="EXPORT")
+        draw_task(layout, shown, VariantsTask)
 
 
 def draw_variant(layout: Any, scene: bpy.types.Scene, shown: bool, compared: bool) -> None:
