@@ -24,9 +24,13 @@ LOG = OUT.parent / "log"
 
 def arrived() -> Iterator[float]:
     """Let the window go on until the drive is imported and nothing is left to do of it."""
-    manager = bpy.context.window_manager
-    busy = lambda: [o.bl_idname for w in manager.windows for o in w.modal_operators if "import" in o.bl_idname.lower()]  # noqa: E731
-    yield from until(lambda: bpy.context.scene.unisim.log and not busy(), f"no import ends: {reports()[-3:]}", 240)
+    windows = bpy.context.window_manager.windows
+
+    def ended() -> bool:
+        busy = any("IMPORT" in operator.bl_idname for window in windows for operator in window.modal_operators)
+        return bool(bpy.context.scene.unisim.log) and not busy
+
+    yield from until(ended, f"no import ends: {reports()[-3:]}", 240)
     yield 0.5
 
 
