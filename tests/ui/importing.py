@@ -16,7 +16,7 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from browser import choose_path, menu_entry
 from buttons import reports
 from hands import drop, key, middle, sidebar, to
-from session import OUT, area, named, results, screenshot, start, until, view
+from session import OUT, area, results, screenshot, start, until, view
 from tasks import empty_file, install, task
 
 LOG = OUT.parent / "log"
@@ -27,7 +27,7 @@ def arrived() -> Iterator[float]:
     windows = bpy.context.window_manager.windows
 
     def ended() -> bool:
-        busy = any("IMPORT" in operator.bl_idname for window in windows for operator in window.modal_operators)
+        busy = any("import" in operator.bl_idname for window in windows for operator in window.modal_operators)
         return bool(bpy.context.scene.unisim.log) and not busy
 
     yield from until(ended, f"no import ends: {reports()[-3:]}", 240)
@@ -83,7 +83,6 @@ def steps() -> Iterator[float]:
     """The session."""
     yield from install()
     yield from task("import_menu", by_menu)
-    yield from named()
     empty_file()
     yield 1.0
     yield from task("import_drop", partial(by_drop, LOG / "meta" / "gps.json", "drop"))
