@@ -17,7 +17,7 @@ from ..features.sensors import operators as sensors
 from ..features.sensors import rig_presets
 from ..features.simulation import operators as simulation
 from ..features.variants import operators as variants
-from ..process import background, interpreters
+from ..process import background, interpreters, preparation
 
 MODULES = (
     motion_properties,
@@ -34,6 +34,7 @@ MODULES = (
     points,
     birds_eye,
     background,
+    preparation,
     output,
     simulation,
     batch,

@@ -13,6 +13,7 @@ from bpy.props import (
     StringProperty,
 )
 
+from ...core.scenario.types import FRAME_FORMATS, SEQUENCE_FORMATS
 from ..sidebar import switch_of
 
 KINDS = (
@@ -131,6 +132,9 @@ class UniSimCheck(bpy.types.PropertyGroup):
     checked: StringProperty(name="Checked", description="Local date and time of the check")
 
 
+FORMATS = tuple((name, name, about) for name, about in (FRAME_FORMATS | SEQUENCE_FORMATS).items())
+
+
 class UniSimScene(bpy.types.PropertyGroup):
     """The log and the trained scene that a scene was imported from, and its settings."""
 
@@ -227,6 +231,13 @@ class UniSimScene(bpy.types.PropertyGroup):
         items=PASSES,
         options={"ENUM_FLAG"},
         default={"depth"},
+    )
+    formats: EnumProperty(
+        name="Formats",
+        description="Formats that sequences are written in",
+        items=FORMATS,
+        options={"ENUM_FLAG"},
+        default=set(FRAME_FORMATS),
     )
 
 
