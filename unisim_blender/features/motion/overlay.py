@@ -103,7 +103,6 @@ def draw_shapes(shapes: GraphShapes, corner: FloatArray, scale: float) -> None:
         blf.draw(0, localized(text))
 
 
-CLASSES = ()
 DRAWINGS = (Drawing(draw, "POST_PIXEL"),)
 
 
