@@ -56,7 +56,7 @@ def overlaid() -> Iterator[float]:
     screenshot("overview_graphs")
     bpy.ops.unisim.shift_ego(left_m=1.0)
     scene.unisim.show_recorded = True
-    yield 1.0
+    yield 3.0
     screenshot("overview_notices")
     space.shading.type = "RENDERED"
     yield from wait_for_image()

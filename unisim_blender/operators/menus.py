@@ -71,7 +71,7 @@ class UNISIM_MT_render(bpy.types.Menu):
         """Draw the operators of the sidebar's Simulate and Render, which the menu search finds here."""
         for group in RENDER_MENU:
             for name in group.split():
-                self.layout.operator(f"unisim.{name}")
+                self.layout.operator("unisim." + name)
             self.layout.separator()
 
 

@@ -14,8 +14,9 @@ BELOW_PX, TEXT_PX = 36.0, 62.0
 """Heights in which Blender has the settings of the last operation, at the bottom, and its own text, at the top left."""
 GIZMOS_PX = (106.0, 225.0)
 """Width and height of Blender's gizmos at the top right."""
-LOWER, TIMELINE = 0.68, 0.34
-"""Shares of the free height that the overlays below the notices have at most, and the timeline alone."""
+LOWER, TIMELINE, LOW_TIMELINE = 0.68, 0.34, 0.19
+"""Shares of the free height that the overlays below the notices have at most, the timeline alone, and the timeline below
+others."""
 LEAST_TIMELINE_PX = 70.0
 GRAPH_SCALES = (1.0, 0.9, 0.8, 0.7, 0.6)
 """Sizes in which a graph is drawn; without room for the smallest, it is left out."""
@@ -90,7 +91,10 @@ def lay_out_overlays(
     low, high = free.bottom + BELOW_PX * scale, free.bottom + LOWER * free.height
     gap, cut = GAP_PX * scale, GIZMOS_PX[0] * scale if gizmos else 0.0
     corner = Rectangle(free.right - cut, free.top - GIZMOS_PX[1] * scale, free.right, free.top)
-    most_px = min(wanted.get("timeline", (0.0, 0.0))[1] * scale, TIMELINE * free.height)
+    most_px = min(
+        wanted.get("timeline", (0.0, 0.0))[1] * scale,
+        (TIMELINE if set(wanted) <= {"timeline"} else LOW_TIMELINE) * free.height,
+    )
     least_px = min(most_px, LEAST_TIMELINE_PX * scale)
     overlays: dict[str, Rectangle] = {}
     sizes = [(size, "legend" in wanted) for size in GRAPH_SCALES if "graph" in wanted]
