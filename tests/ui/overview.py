@@ -72,6 +72,7 @@ def overlaid() -> Iterator[float]:
     yield 1.5
     screenshot("overview_difference")
     scene.unisim.show_timeline = False
+    redraw()
     yield 0.5
     screenshot("overview_difference_graph")
     scene.frame_set(scene.frame_end + 1)

@@ -8,7 +8,7 @@ from list_entries import entry
 
 from unisim_blender.editing.layout import timeline
 from unisim_blender.editing.layout.overlays import Rectangle
-from unisim_blender.editing.layout.timeline import fitting_rows, height_of, lay_out, scrolled
+from unisim_blender.editing.layout.timeline import fitting_rows, lay_out, scrolled, size_of
 
 ROOM = Rectangle(68.0, 36.0, 952.0, 276.0)
 
@@ -26,7 +26,10 @@ def test_rows_that_fit_are_shown_and_scrolled() -> None:
 
 def test_a_rectangle_of_its_height_holds_all_rows() -> None:
     for count, scale in ((1, 1.0), (7, 1.5), (20, 2.0)):
-        assert fitting_rows(Rectangle(0, 0, 900, height_of(count) * scale), scale) == count
+        width, height = size_of(count)
+        box, entries = Rectangle(0, 0, width * scale, height * scale), [entry("Car")] * count
+        found = lay_out(box, scale, entries, 0, 0.0, 8.0)
+        assert fitting_rows(box, scale) == count and found is not None and found.top <= box.top
 
 
 def test_no_room_no_timeline() -> None:

@@ -95,9 +95,9 @@ class Timeline:
         return [number * step for number in range(first, int(np.floor(self.end_s / step + 1e-6)) + 1)]
 
 
-def height_of(count: int) -> float:
-    """Return the height of a timeline with a number of rows, at a scale of 1."""
-    return ROW_PX * max(count, 1) + AXIS_PX + NOW_PX
+def size_of(count: int) -> tuple[float, float]:
+    """Return the least width and the height of a timeline with a number of rows, at a scale of 1."""
+    return NAMES_PX + LEAST_PX + EDGE_PX, ROW_PX * max(count, 1) + AXIS_PX + NOW_PX
 
 
 def fitting_rows(box: Rectangle, scale: float) -> int:

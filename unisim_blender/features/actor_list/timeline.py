@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...editing.layout.timeline import Timeline, height_of, lay_out, rectangles, rows_text, scrolled
+from ...editing.layout.timeline import Timeline, lay_out, rectangles, rows_text, scrolled, size_of
 from ...editing.texts import shortened
 from ...registering import Drawing, add, take_away
 from ...translations import localized
@@ -46,8 +46,8 @@ def timeline_of(context: bpy.types.Context) -> Timeline | None:
 
 
 def wanted_size(context: bpy.types.Context) -> tuple[float, float] | None:
-    """Return how large the timeline of a 3D view is to be at a scale of 1; its width is the view's."""
-    return (0.0, height_of(len(listing.table_of(context.scene).shown))) if shown(context) else None
+    """Return the least width and the height of the timeline of a 3D view at a scale of 1; None while it is not shown."""
+    return size_of(len(listing.table_of(context.scene).shown)) if shown(context) else None
 
 
 def draw() -> None:
