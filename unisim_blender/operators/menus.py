@@ -76,8 +76,8 @@ class UNISIM_MT_render(bpy.types.Menu):
 
 
 RENDER_MENU = (
-    "render_variants export_variants open_output play_result export_scenario",
-    "simulate drive_on open_rollout",
+    "render_variants export_variants open_output play_result make_film open_film export_scenario",
+    "simulate drive_on open_rollout compare_rollouts",
     "submit_batch open_report",
     "new_variant rename_variant delete_variant",
     "train make_library",
@@ -98,6 +98,7 @@ class UNISIM_MT_view(bpy.types.Menu):
             layout.prop(scene.unisim, name)
         layout.prop(scene.unisim_motion, "show_graph")
         layout.operator("unisim.recorded_colours")
+        layout.operator("unisim.birds_eye")
         for text, recorded, simulated in POINTS:
             shown = layout.operator("unisim.show_points", text=text)
             shown.recorded, shown.simulated = recorded, simulated

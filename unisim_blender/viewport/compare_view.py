@@ -11,6 +11,7 @@ import bpy
 from ..bridge.window import areas
 from ..editing.layout.overlays import Rectangle
 from ..editing.texts import Text
+from ..process.preparation import PREPARATION
 from ..registering import Drawing, add, take_away
 from ..translations import localized
 from .comparison import FLICKER_S, IMAGES, difference_of
@@ -22,6 +23,9 @@ GRAB_PX = 8
 GAP_PX, HATCH_PX = 8, 20
 LINE, TEXT, HATCH = (1.0, 1.0, 1.0, 0.9), (1.0, 1.0, 1.0, 1.0), (1.0, 0.15, 0.15, 1.0)
 RECORDED, RENDERED = Text("recorded"), Text("rendered")
+STANDS_IN, PRELIMINARY = Text("Recorded image, not rendered"), Text("Preliminary image")
+BAR, BAR_PX = (0.3, 0.6, 1.0, 1.0), 6
+"""Colour and height of progress bars."""
 UNSUPPORTED = Text("Unsupported: nothing recorded shows this")
 
 
@@ -63,7 +67,7 @@ def draw() -> None:
     image = shown_image(context, view)
     if image.width < 1 or image.height < 1:
         return
-    gap, labels = GAP_PX * scale, []
+    gap, labels = GAP_PX * scale, preparation_labels(view)
     if mode == "SPLIT":
         x = line_at(context.region, options.split) or 0.0
         low, high = clear_line(context, image, x)
@@ -74,7 +78,7 @@ def draw() -> None:
             begin = x + gap if side > 0 else x - gap - width
             if begin >= image.left and begin + width <= image.right:
                 labels.append(ImageLabel(text, begin))
-    elif mode != "RENDERED":
+    elif mode != "RENDERED" and not view.stands_in:
         shown = {"FLICKER": RECORDED if view.comparison.turn else RENDERED, "RECORDED": RECORDED}
         labels.append(ImageLabel(shown.get(mode) or view.comparison.metrics or difference_of(options.gain)))
     elif options.mode != "RENDERED" and not view.problem and view.comparison.lacks:
@@ -86,11 +90,24 @@ def draw() -> None:
 
 class ImageLabel(NamedTuple):
     """A text at the lower edge of an image: from a left edge, or centred above the others; ``hatched``: with a piece of
-    what it is about."""
+    what it is about; ``fraction``: with a bar of what is done."""
 
     text: str
     left: float | None = None
     hatched: bool = False
+    fraction: float | None = None
+
+
+def preparation_labels(view: Any) -> list[ImageLabel]:
+    """Return what stands in for a view's finished image, and how far that is."""
+    recorded, labels = view.stands_in and not view.comparison.lacks, []
+    if not (view.stands_in or view.preliminary):
+        return []
+    if PREPARATION.active or PREPARATION.stopped or PREPARATION.problem:
+        labels.append(ImageLabel(PREPARATION.text, fraction=PREPARATION.fraction))
+    if recorded or view.preliminary:
+        labels.append(ImageLabel(STANDS_IN if recorded else PRELIMINARY))
+    return labels
 
 
 def shown_image(context: bpy.types.Context, view: Any) -> Rectangle:
@@ -110,13 +127,19 @@ def clear_line(context: bpy.types.Context, image: Rectangle, x: float) -> tuple[
 
 def _write(context: bpy.types.Context, image: Rectangle, labels: list[ImageLabel], scale: float) -> None:
     """Write labels into an image, above the overlays there."""
-    layout, gap, above = overlay_layout(context), GAP_PX * scale, image.bottom
-    for text, left, is_hatched in labels:
+    layout, gap, above, floor, beside = overlay_layout(context), GAP_PX * scale, image.bottom, image.bottom, False
+    for text, left, is_hatched, fraction in labels:
+        floor = floor if beside and left is not None else above
+        beside = left is not None
         piece = HATCH_PX * scale if is_hatched else 0.0
         rows = in_rows([localized(text)], image.width - piece, scale)
         width, height = ground_size(rows, scale)
         begin = (image.left + image.right - width - piece) / 2 if left is None else left
-        low = max(image.bottom, layout.clear(begin, begin + width + piece)[0], above if left is None else 0.0) + gap
+        low = max(floor, layout.clear(begin, begin + width + piece)[0]) + gap
+        if fraction is not None:
+            fill(begin, low, begin + width, low + BAR_PX * scale, GROUND)
+            fill(begin, low, begin + fraction * width, low + BAR_PX * scale, BAR)
+            low += BAR_PX * scale
         write_rows(rows, begin + piece, low + height, scale, TEXT)
         above = max(above, low + height)
         if is_hatched:
