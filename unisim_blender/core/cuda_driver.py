@@ -84,11 +84,11 @@ class Gpu:
         self.call("cuModuleGetFunction", ctypes.byref(function), self._module, name.encode())
         return function
 
-    def free_bytes(self) -> int:
-        """Return how much of its memory is free."""
+    def total_bytes(self) -> int:
+        """Return how much memory it has."""
         free, total = ctypes.c_size_t(), ctypes.c_size_t()
         self.call("cuMemGetInfo_v2", ctypes.byref(free), ctypes.byref(total))
-        return free.value
+        return total.value
 
     def launch(self, name: str, threads: int, arguments: Sequence[Any], block: int = 128) -> None:
         """Run a kernel in so many threads, a multiple of ``block``, and wait for its end. ``arguments`` are ctypes' values."""

@@ -208,11 +208,11 @@ def difference(planned: Mapping[str, str], here: Mapping[str, str]) -> str:
     return ""
 
 
-def pick_device(name: str) -> str:
-    """Return a device by its name; "auto" is the best there is here."""
+def pick_device(name: str, trains: bool = False) -> str:
+    """Return a device by its name; "auto" is the best there is here to render, or to train, which takes torch's."""
     if name != "auto":
         return name
-    if not cuda_driver.missing():
+    if not trains and not cuda_driver.missing():
         return "cuda"
     try:
         import torch

@@ -117,11 +117,12 @@ def test_rays_without_room_and_memory_that_is_short(
     in_use = driver.memory_in_use()
     launched: list[int] = []
     launch = cuda_driver.Gpu.launch
-    monkeypatch.setattr(
-        cuda_driver.Gpu,
-        "launch",
-        lambda self, name, threads, *more: launched.append(threads) or launch(self, name, threads, *more),
-    )
+
+    def noted(self: cuda_driver.Gpu, name: str, threads: int, *more: Any) -> None:
+        launched.append(threads)
+        launch(self, name, threads, *more)
+
+    monkeypatch.setattr(cuda_driver.Gpu, "launch", noted)
     driver.limit_memory(in_use + 2_000_000)  # less than the room of all rays at once
     for samples, segments in ((gpu.SAMPLES, gpu.SEGMENTS), (2, 1)):
         monkeypatch.setattr(gpu, "SAMPLES", samples)
@@ -146,7 +147,7 @@ def test_any_number_of_rays_and_clipped_views(driver: ctypes.CDLL, tmp_path: Pat
     assert len(tracer.trace(none, PASSES, True, None, RenderStats()).feature) == 0
     tracers = [bound_to(each, drive) for each in (backend, expected)]
     for each in tracers:
-        each.clipped = True  # type: ignore[attr-defined]
+        each.clipped = True
     rays = image_rays(drive)
     traced = [each.trace(rays, PASSES, True, None, RenderStats()) for each in tracers]
     same_find(traced[0], traced[1], rays.time_s.shape)
