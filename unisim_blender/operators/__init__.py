@@ -11,12 +11,13 @@ from ..features.motion import drag, maneuvers
 from ..features.motion import operators as motion
 from ..features.motion import properties as motion_properties
 from ..features.output import operators as output
+from ..features.points import birds_eye
 from ..features.points import operators as points
 from ..features.sensors import operators as sensors
 from ..features.sensors import rig_presets
 from ..features.simulation import operators as simulation
 from ..features.variants import operators as variants
-from ..process import background, interpreters
+from ..process import background, interpreters, preparation
 
 MODULES = (
     motion_properties,
@@ -32,7 +33,9 @@ MODULES = (
     drag,
     rig_presets,
     points,
+    birds_eye,
     background,
+    preparation,
     output,
     simulation,
     batch,

@@ -17,7 +17,7 @@ from ...core.scenario.edits import CopyStatic, RemoveStatic
 from ...core.scenario.edits.ego_body import DEFAULT_LABEL, EgoBody
 from ...core.scenario.motion.placement import pose_of
 from ...core.scenario.sensors.document import CameraSpec, LidarSpec
-from ...core.scenario.types import FrameRange, Scenario
+from ...core.scenario.types import FRAME_FORMATS, FrameRange, Scenario
 from ...core.world.drive import Actor, Camera, Drive, Lidar
 from ...editing.edits.maneuvers import ManeuverNote
 from ...editing.reading.scenario import names_captures, span_s, stated_text
@@ -81,6 +81,7 @@ def _apply_settings(target: Target) -> None:
         scene.unisim.stated_range = (scene.frame_start, scene.frame_end, scene.frame_step)
     if outputs is not None:
         scene.unisim.passes = set(outputs.passes or ()) - {"rgb"}
+        scene.unisim.formats = set(outputs.formats or FRAME_FORMATS)
         scene.unisim.quality = outputs.quality or "balanced"
         scene.unisim.contact_shadows = bool(outputs.contact_shadows)
 

@@ -69,14 +69,18 @@ class UNISIM_PT_show(DrivePanel, bpy.types.Panel):
         for name, recorded, simulated in POINTS:
             now = (about.show_recorded, about.show_simulated) == (recorded, simulated)
             shown = row.operator("unisim.show_points", text=name, depress=now)
-            shown.recorded, shown.simulated = recorded, simulated
+            shown.recorded, shown.simulated, shown.drops = recorded, simulated, about.show_drops
         layout.label(text=context.window_manager.unisim_points or "–", translate=False, icon="INFO")
         column = layout.column()
         column.enabled = about.show_recorded or about.show_simulated
         column.prop(about, "points_colour", text="Colour by")
+        switched = column.operator("unisim.show_points", text="Dropped Beams", depress=about.show_drops)
+        switched.recorded, switched.simulated = about.show_recorded, about.show_simulated
+        switched.drops = not about.show_drops
         beside = layout.column()
         beside.enabled = about.show_recorded
         beside.prop(about, "recorded_offset_m")
+        layout.operator("unisim.birds_eye", icon="VIEW_ORTHO")
 
 
 CLASSES = (UNISIM_PT_drive, UNISIM_PT_show)

@@ -13,6 +13,7 @@ from bpy.props import (
     StringProperty,
 )
 
+from ...core.scenario.types import FRAME_FORMATS, SEQUENCE_FORMATS
 from ..sidebar import switch_of
 
 KINDS = (
@@ -54,11 +55,14 @@ SEQUENCE_SENSORS = (
     ("CAMERA", "Active Camera", "Only the active camera of the scene"),
     ("SELECTED", "Selected Sensors", "The selected cameras and LiDARs"),
 )
+# a .blend file holds these by their places
 POINT_COLOURS = (
     ("ONE", "Single", "Recorded points are yellow, simulated points blue"),
-    ("INTENSITY", "Intensity", "From blue (low) to yellow (high)"),
-    ("DEPTH", "Depth", "Distance from the sensor, from blue to red (80 m)"),
-    ("INSTANCE", "Instance", "One colour per actor; recorded points are coloured by class"),
+    ("INTENSITY", "Intensity", "Intensity of each return"),
+    ("DEPTH", "Range", "Distance from the sensor"),
+    ("INSTANCE", "Instance", "Class of the actor that was hit, each actor in a shade of its own"),
+    ("RING", "Ring", "Number of the beam in the table of the LiDAR"),
+    ("DIFFERENCE", "Difference", "Recorded minus simulated range of the same beam, where both are shown"),
 )
 
 
@@ -129,6 +133,9 @@ class UniSimCheck(bpy.types.PropertyGroup):
     checked: StringProperty(name="Checked", description="Local date and time of the check")
 
 
+FORMATS = tuple((name, name, about) for name, about in (FRAME_FORMATS | SEQUENCE_FORMATS).items())
+
+
 class UniSimScene(bpy.types.PropertyGroup):
     """The log and the trained scene that a scene was imported from, and its settings."""
 
@@ -195,6 +202,7 @@ class UniSimScene(bpy.types.PropertyGroup):
     show_simulated: BoolProperty(
         name="Simulated points", description="Show simulated LiDAR points of the current frame"
     )
+    show_drops: BoolProperty(name="Dropped Beams", description="Show LiDAR beams that did not return")
     points_colour: EnumProperty(
         name="Colour", description="Attribute that colours LiDAR points", items=POINT_COLOURS, default="ONE"
     )
@@ -221,6 +229,13 @@ class UniSimScene(bpy.types.PropertyGroup):
         items=PASSES,
         options={"ENUM_FLAG"},
         default={"depth"},
+    )
+    formats: EnumProperty(
+        name="Formats",
+        description="Formats that sequences are written in",
+        items=FORMATS,
+        options={"ENUM_FLAG"},
+        default=set(FRAME_FORMATS),
     )
 
 
