@@ -122,11 +122,11 @@ def leads_to(actor: Actor, obj: SampledObject, reading: ReadContext, agree: Call
     return bool((there == obj.there).all() and agree(actor.world_from_actor.at(times), obj.poses)[there].all())
 
 
-def noted(context: ActorEditContext, placed: PLACED) -> tuple[Edit | None, list[Maneuver]]:
+def noted(context: ActorEditContext, placed: Edit) -> tuple[Edit | None, list[Maneuver]]:
     """Return the edit that says where an object goes as it was before the object's maneuvers, None where it went as
     recorded, and these; the edit as it is and none where they do not lead to where the object goes."""
     note = ManeuverNote.of(context.here.maneuvers)
-    if note is None:
+    if note is None or not isinstance(placed, PLACED):
         return placed, []
     uid = placed.actor if isinstance(placed, Move) else placed.id
     try:

@@ -61,7 +61,7 @@ LEAD_S = 3.0
 """Time from the current frame until a crossing actor is on the ego vehicle's path, at first."""
 BESIDE_M = 0.4
 """Room between a crossing actor and the ego vehicle when that passes as recorded, at first."""
-FIRST = {
+FIRST: dict[str, list[dict[str, Any]]] = {
     "CUT_IN": [{"gap_by": "TIME", "gap_s": gap} for gap in (1.5, 1.0, 2.0, 2.5, 0.7)],
     "LANE_CHANGE": [{"left_m": left} for left in (3.5, -3.5, 3.0, -3.0)],
     "PERSON": [{"from_m": aside} for aside in (6.0, 4.5, 8.0, 10.0)],
@@ -232,10 +232,9 @@ class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
         source, choice = source_of(context.scene), choice_of(context, "")
         uids = next((uids for group in groups if (uids := listed(choice, group))), [])
         if not uids:
-            sentence = (
-                "This drive has no vehicle" if self.kind == "CUT_IN" else "This drive has no pedestrian or cyclist"
-            )
-            raise UnisimError(message(sentence))
+            if self.kind == "CUT_IN":
+                raise UnisimError(message("This drive has no vehicle"))
+            raise UnisimError(message("This drive has no pedestrian or cyclist"))
         clock, uid = Clock.of(source.drive), best_seen(source.drive, uids)
         pose = ego_poses(context.scene, source.drive, clock)[clock.index(float(clock.frame(np.array(self.first_s))))]
         pose[:3, 3] += (FRONT_M + GROUND_M) * pose[:3, 0]
