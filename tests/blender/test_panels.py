@@ -15,7 +15,7 @@ from unisim_blender.features.drive import export_operators, import_operators
 from unisim_blender.operators import menus
 
 ROOT = Path(__file__).parents[2]
-WITHOUT_TASK = {"UNISIM_PT_tasks"}
+WITHOUT_TASK = {"UNISIM_PT_tasks", "UNISIM_PT_first_steps"}
 """Panels that every task has."""
 
 
@@ -46,7 +46,7 @@ def test_each_panel_belongs_to_a_task(street: Any) -> None:
 def test_without_a_drive_there_are_no_tasks(scene: Any) -> None:
     for task, *_ in sidebar.TASKS:
         bpy.context.window_manager.unisim_panels = task
-        assert [panel.__name__ for panel in panels() if panel.poll(bpy.context)] == ["UNISIM_PT_drive"]
+        assert [panel.__name__ for panel in panels() if panel.poll(bpy.context)] == ["UNISIM_PT_first_steps"]
     bpy.context.window_manager.property_unset("unisim_panels")
 
 
