@@ -91,6 +91,7 @@ class UniSimObject(bpy.types.PropertyGroup):
     stamp: StringProperty(description="Changes whenever the LiDAR points change")
     called: StringProperty(description="Identifier in scenarios, for objects that were copied with a variant")
     called_as: StringProperty(description="Object name for which that identifier is valid")
+    maneuvers: StringProperty(description="Maneuvers that lead to its trajectory, as JSON")
     rest_location: FloatVectorProperty(size=3, description="Offset from the trajectory before the first keyframe")
     rest_scale: FloatVectorProperty(
         size=3, description="Scale that the location accounts for; zero where none was noted"
