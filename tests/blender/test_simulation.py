@@ -326,7 +326,7 @@ def test_rollouts_are_listed_with_their_scores(street: Any, tmp_path: Path) -> N
         ("Scene idm 10", "idm", "Collision at 1.5 s"),
         ("Scene log 1", "", "Stopped after 2 steps"),
     ]
-    assert best_values(rows)[:3] == [0.0, 3.0, None]  # PDMS is the same for both: none is the best
+    assert best_values(rows)[:3] == ["0", "3.0 s", ""]  # PDMS is the same for both: none is the best
     ttc = [column.title for column in COLUMNS].index("Least TTC")
     assert [row.folder.name for row in in_order(rows[::-1], ttc)] == ["Scene idm 2", "Scene idm 10", "Scene log 1"]
     bpy.ops.unisim.hide_rollout(name="Scene idm 10")
