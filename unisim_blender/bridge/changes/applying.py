@@ -19,6 +19,7 @@ from ...core.scenario.motion.placement import pose_of
 from ...core.scenario.sensors.document import CameraSpec, LidarSpec
 from ...core.scenario.types import FRAME_FORMATS, FrameRange, Scenario
 from ...core.world.drive import Actor, Camera, Drive, Lidar
+from ...editing.edits.maneuvers import ManeuverNote
 from ...editing.reading.scenario import names_captures, span_s, stated_text
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import optical
@@ -151,6 +152,7 @@ def _risen(now: Actor, before: Actor) -> float:
 def _apply(target: Target, obj: bpy.types.Object, actor: Actor, own_appearance: str | None) -> None:
     for carrier in CARRIERS.values():
         carrier.apply(obj, Edited(actor, target.edited, own_appearance, target.clock))
+    obj.unisim.maneuvers = str(ManeuverNote.of_edits(target.scenario.edits, actor.uid) or "")
 
 
 def apply_sensors(target: Target) -> None:

@@ -26,6 +26,7 @@ from ...core.simulation.vehicle.parameters import Vehicle
 from ...core.world.captures import US_PER_SECOND
 from ..edits.lines import metres
 from ..reading.scenario import write_scenario
+from ..sampled.source import is_rollout
 from ..texts import Text, kmh, translatable
 
 SCORES, STEPS, SCENARIO = "scores.json", "steps.jsonl", "scenario.json"
@@ -76,11 +77,6 @@ def _begun_with(folder: Path) -> Any:
         return json.loads(options_path(folder).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-
-
-def is_rollout(folder: Path) -> bool:
-    """Return whether a folder holds a rollout that has come to its end."""
-    return (folder / STEPS).is_file() and (folder / SCENARIO).is_file()
 
 
 def rollout_state(folder: Path) -> str:

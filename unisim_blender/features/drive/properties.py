@@ -91,6 +91,7 @@ class UniSimObject(bpy.types.PropertyGroup):
     stamp: StringProperty(description="Changes whenever the LiDAR points change")
     called: StringProperty(description="Identifier in scenarios, for objects that were copied with a variant")
     called_as: StringProperty(description="Object name for which that identifier is valid")
+    maneuvers: StringProperty(description="Maneuvers that lead to its trajectory, as JSON")
     rest_location: FloatVectorProperty(size=3, description="Offset from the trajectory before the first keyframe")
     rest_scale: FloatVectorProperty(
         size=3, description="Scale that the location accounts for; zero where none was noted"
@@ -146,6 +147,9 @@ class UniSimScene(bpy.types.PropertyGroup):
         name="World origin",
         description="Offset subtracted from the coordinates of the log, three float64 values as JSON",
     )
+    first_steps: BoolProperty(name="First Steps", description="Show the first steps in the sidebar until all are done")
+    done_steps: StringProperty(description="First steps that are done, with spaces between")
+    skipped_sensors: StringProperty(description="Sensors of the log that were not imported, as JSON")
     stated: StringProperty(
         description="Frames, times and more of the imported scenario, as JSON; empty where it states none"
     )
