@@ -82,8 +82,9 @@ def draw_results(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
     row = layout.row(align=True)
     row.operator("unisim.make_film", icon="RENDER_ANIMATION")
     film = film_of(context.scene)
-    text = "Open Film Page" if film is not None and film.suffix == ".html" else "Open Film"
-    row.operator("unisim.open_film", text=text, icon="FILE_MOVIE")
+    is_page = film is not None and film.suffix == ".html"
+    text = interface("Open Film Page") if is_page else interface("Open Film")
+    row.operator("unisim.open_film", text=text, translate=False, icon="FILE_MOVIE")
 
 
 class UNISIM_PT_formats(DrivePanel, bpy.types.Panel):
