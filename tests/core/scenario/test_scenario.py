@@ -108,6 +108,12 @@ EVERYTHING: dict[str, Any] = {
             "label": "Van",
             "mount": {"position": [1.4, 0, 1], "yaw_deg": 2},
         },
+        {"type": "lane_change", "actor": "car-07", "at_s": 1, "left_m": 3.5, "duration_s": 4},
+        {"type": "brake", "actor": "car-07", "at_s": 1, "deceleration_m_s2": 2.5, "speed_m_s": 0},
+        {"type": "cut_in", "actor": "car-07", "at_s": 1, "gap_s": 1.5, "side": "left", "lane_m": 3.2, "duration_s": 4},
+        {"type": "cut_in", "actor": "car-07", "at_s": 1, "gap_m": 8, "speed_m_s": 9},
+        {"type": "cross", "actor": "person", "at_s": 2, "side": "right", "speed_m_s": 1.4, "gap_m": 8, "from_m": 5},
+        {"type": "follow", "actor": "car-02b", "leader": "car-02", "gap_s": 1.2, "gap_m": 2},
     ],
     "outputs": {"passes": ["rgb", "depth"], "formats": ["png", "npz"], "width": 480, "quality": "fast"},
 }

@@ -16,3 +16,8 @@ from .scale import Scale as Scale
 from .copy_static import CopyStatic as CopyStatic
 from .remove_static import RemoveStatic as RemoveStatic
 from .ego import Ego as Ego
+from .lane_change import LaneChange as LaneChange
+from .brake import Brake as Brake
+from .cut_in import CutIn as CutIn
+from .cross import Cross as Cross
+from .follow import Follow as Follow

@@ -45,25 +45,25 @@ def shifted_along(positions: FloatArray, quaternions: FloatArray, ahead_m: float
     if len(vertices) < 2:
         raise ValueError("what stands still has no path to be shifted along")
     corners = positions[vertices]
-    here = _arc_lengths(positions, vertices, along)
+    here = arc_lengths(positions, vertices, along)
     there = here + ahead_m
-    apart = _points(corners, along, there) - _points(corners, along, here)
+    apart = points_along(corners, along, there) - points_along(corners, along, here)
     turns = matrix_from_quaternion(_turns(quaternions[vertices], along, there)) @ np.swapaxes(
         matrix_from_quaternion(_turns(quaternions[vertices], along, here)), -1, -2
     )
     return positions + apart, quaternion_from_matrix(turns @ matrix_from_quaternion(quaternions))
 
 
-def _arc_lengths(positions: FloatArray, vertices: FloatArray, along: FloatArray) -> FloatArray:
-    """Arc lengths (K,) of the path's points next to positions (K, 3), each on the piece that it lies on in time."""
+def arc_lengths(positions: FloatArray, vertices: FloatArray, along: FloatArray) -> FloatArray:
+    """Return arc lengths (K,) of the path's points next to positions (K, 3), each on the piece that it lies on in time."""
     piece = np.clip(np.searchsorted(vertices, np.arange(len(positions)), side="right") - 1, 0, len(vertices) - 2)
     start, end = positions[vertices[piece]], positions[vertices[piece + 1]]
     share = ((positions - start) * (end - start)).sum(1) / ((end - start) ** 2).sum(1)
     return np.asarray(along[piece] + np.clip(share, 0, 1) * np.diff(along)[piece])
 
 
-def _points(corners: FloatArray, along: FloatArray, at: FloatArray) -> FloatArray:
-    """Points (K, 3) of a path at arc lengths (K,), which may lie beyond its ends."""
+def points_along(corners: FloatArray, along: FloatArray, at: FloatArray) -> FloatArray:
+    """Return points (K, 3) of a path at arc lengths (K,), which may lie beyond its ends."""
     inside = np.stack([np.interp(at, along, column) for column in corners.T], -1)
     first = corners[np.searchsorted(along, min(END_M, along[-1]))] - corners[0]
     last = corners[-1] - corners[np.searchsorted(along, max(along[-1] - END_M, 0.0), side="right") - 1]
@@ -91,7 +91,7 @@ def arc_lengths_of(path: FloatArray, places: FloatArray) -> FloatArray:
     (N,) in metres."""
     vertices, along = path_of(path)
     far = along[-1] + np.linalg.norm(places - path[0], axis=1).max() + 1.0
-    corners = _points(path[vertices], along, np.concatenate([[-far], along, [far]]))
+    corners = points_along(path[vertices], along, np.concatenate([[-far], along, [far]]))
     steps = np.diff(corners, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     share = np.clip(((places[:, None] - corners[:-1]) * steps).sum(-1) / lengths**2, 0, 1)

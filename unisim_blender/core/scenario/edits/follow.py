@@ -1,0 +1,52 @@
+"""The edit `follow`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...geometry import Trajectory
+from ...world.drive import Actor, Drive
+from ..checks import require
+from ..context import EditContext, current
+from ..edit import register
+from ..json_schema import TEXT
+from ..motion.maneuvers import Course, Maneuver, frame_times, throughout
+from ..types import Scenario
+
+
+@register
+@dataclass(frozen=True)
+class Follow(Maneuver):
+    """The actor follows a leader on its path as Newell's drivers do (2002): so much later, and a gap behind its rear."""
+
+    type = "follow"
+    members = {
+        "actor": TEXT,
+        "leader": TEXT,
+        "gap_s": {"type": "number", "minimum": 0},
+        "gap_m": {"type": "number", "minimum": 0},
+    }
+
+    leader: str
+    gap_s: float
+    gap_m: float
+
+    def check(self, scenario: Scenario, place: str) -> None:
+        """Refuse an actor that follows itself."""
+        require(self.leader != self.actor, f"{place}.leader", f'"{self.actor}" cannot follow itself')
+
+    def window(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> tuple[float, float]:
+        """Return when the actor is present: with its leader."""
+        leader = drive.actors[self.leader]
+        return leader.start_s, leader.end_s
+
+    def motion(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> Trajectory:
+        """Return the trajectory."""
+        leader, times = current(drive, self.leader, f"{place}.leader", context), frame_times(context)
+        course = Course.of(leader.world_from_actor)
+        require(course is not None, f"{place}.leader", f'"{self.leader}" stands: there is nothing to follow')
+        assert course is not None
+        behind = self.gap_m + float(leader.size_m[0] + actor.size_m[0]) / 2
+        places, headings = course.beside(course.gone(times - self.gap_s) - behind)
+        lower = (leader.size_m[2] - actor.size_m[2]) / 2
+        return throughout(times, places - [0.0, 0.0, lower], headings)
