@@ -43,6 +43,8 @@ class UNISIM_MT_object(bpy.types.Menu):
         layout.operator("unisim.release_mesh")
         layout.operator("unisim.ego_body")
         layout.operator("unisim.release_ego_body")
+        layout.operator("unisim.parked_row")
+        layout.operator("unisim.row_of_cones")
         layout.separator()
         layout.operator("unisim.mark_static")
         layout.operator("unisim.copy_static")
@@ -65,6 +67,7 @@ def draw_add_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
         self.layout.separator()
         self.layout.operator("unisim.insert_actor", text="Actor of the Drive")
         self.layout.operator("unisim.insert_from", text="Actor of a Trained Scene")
+        self.layout.operator("unisim.row_of_cones")
         self.layout.operator("unisim.add_camera", text="Camera on the Vehicle")
         self.layout.operator_menu_enum("unisim.add_lidar", "preset", text="LiDAR on the Vehicle")
 

@@ -102,6 +102,7 @@ def described(
         called=title_of(obj),
         sees_body=sees_body(obj),
         span=span_of(obj),
+        row=about.row,
     )
 
 

@@ -4,11 +4,12 @@ id to them.
 Of recorded actors: `remove`, without an object or with one that is not rendered; `swap`, with the appearance of another
 one; `move`, elsewhere or at other times than recorded; `scale`, drawn larger or smaller than imported. New ones:
 `duplicate`, a copy of a recorded actor's object; `insert`, an object with an appearance that is not its source's, or of
-an actor that the recording does not have; `insert_mesh`, an object that is a mesh.
+an actor that the recording does not have; `insert_mesh`, an object that is a mesh; `row`, copies that stand in one.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,9 +19,11 @@ import numpy as np
 from ...core.actor_images.names import plain_names
 from ...core.errors import ScenarioError
 from ...core.geometry import BoolArray, FloatArray, invert_pose
+from ...core.scenario import build
 from ...core.scenario.edit import Edit
-from ...core.scenario.edits import Duplicate, Insert, InsertMesh, Move, Remove, Scale, Swap
+from ...core.scenario.edits import Duplicate, Insert, InsertMesh, Move, Remove, Row, Scale, Swap
 from ...core.scenario.edits.move import shifted
+from ...core.scenario.edits.row import clear, standing
 from ...core.scenario.motion.keys import Present
 from ...core.scenario.motion.paths import arc_lengths_of, is_path
 from ...core.world.drive import Actor
@@ -64,12 +67,15 @@ class Actors(GroupReader):
     by_id = True
 
     def edits(self, reading: ReadContext) -> Iterator[Edit]:
-        """The edits of the recorded actors by their ids, then of inserted ones."""
-        by_id = _by_id(reading)
+        """The edits of the recorded actors by their ids, then of inserted ones and of rows."""
+        rows = list(_rows(reading))
+        standing = {obj.name for _, members in rows for obj in members}
+        by_id = {uid: [obj for obj in objects if obj.name not in standing] for uid, objects in _by_id(reading).items()}
         for uid in sorted(reading.drive.actors):
             yield from (item.edit for item in _read_edits(reading, uid, by_id.pop(uid, [])))
         for uid, objects in by_id.items():
             yield from (item.edit for item in _read_edits(reading, uid, objects))
+        yield from (row for row, _ in rows)
 
     def lines(self, reading: ReadContext, uid: str) -> Iterator[EditLine]:
         """The edits of one id."""
@@ -98,6 +104,34 @@ def _by_id(reading: ReadContext) -> dict[str, list[SampledObject]]:
             raise ScenarioError(fault)
         by_id.setdefault(obj.uid, []).append(obj)
     return by_id
+
+
+def row_of(text: str) -> Row | None:
+    """Return the row that an object notes as JSON; None where it notes none."""
+    row = build(Edit, json.loads(text)) if text else None
+    return row if isinstance(row, Row) else None
+
+
+def _rows(reading: ReadContext) -> Iterator[tuple[Row, list[SampledObject]]]:
+    """The rows whose objects stand where their edit puts them, and these. Of some frames alone there are none."""
+    if len(reading.clock.frames) < len(reading.drive.time_s):
+        return
+    actors = list(reading.sampled.of("ACTOR"))
+    others = [(obj.poses[obj.there], np.array(obj.size_m)) for obj in actors if not obj.row and obj.there.any()]
+    for text in sorted({obj.row for obj in actors if obj.row}):
+        row = row_of(text)
+        if row is None or row.actor not in reading.drive.actors:
+            continue
+        source = reading.drive.actors[row.actor]
+        poses = row.poses(standing(source), source.size_m, reading.drive, row.id)
+        poses = poses[clear(poses, source.size_m, others)]
+        named = {f"{row.id} {number}": pose for number, pose in enumerate(poses, 1)}
+        members = [obj for obj in actors if obj.row == text and obj.title in named and not obj.appearance]
+        members = [obj for obj in members if obj.there.all() and same(obj.poses, named[obj.title]).all()]
+        if len(members) == len(named):
+            others += [(obj.poses[:1], source.size_m) for obj in members]
+            reading.taken.update(named)
+            yield row, members
 
 
 def _read_edits(reading: ReadContext, uid: str, objects: list[SampledObject]) -> Iterator[ReadEdit]:

@@ -107,7 +107,8 @@ class SampledObject:
     it is drawn; ``mesh`` is the file of the model that an actor's own surface is, whose middle the poses are of, and
     ``label`` its class. ``scaling`` is how much larger it is drawn than it was imported; a mesh's scale is in its
     model. ``sees_body``: whether meshes that are the ego vehicle's body are visible to it. ``called`` is its name in
-    the scenario where that is not ``name``; ``span`` are the frames of its trajectory's first and last key. For the
+    the scenario where that is not ``name``; ``span`` are the frames of its trajectory's first and last key; ``row`` is the
+    edit `row`, as JSON, that it was made by. For the
     edits list alone: ``ridden`` are the poses (N, 4, 4) of its trajectory, ``scale_lift_m`` how far it was lifted along
     its own axis for its scale."""
 
@@ -130,6 +131,7 @@ class SampledObject:
     called: str = ""
     ridden: FloatArray | None = None
     span: tuple[float, float] | None = None
+    row: str = ""
     scale_lift_m: float = 0.0
 
     @property

@@ -67,7 +67,7 @@ class Row(Edit):
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
         """Return the drive with the copies, numbered from 1."""
         source = actor_of(context.recorded.actors, self.actor, f"{place}.actor", "in the log")
-        poses, size_m = self.poses(source, context.recorded, place), source.size_m
+        poses, size_m = self.poses(standing(source), source.size_m, context.recorded, place), source.size_m
         times = np.array(sorted(context.recorded.time_s.values()))
         others = [
             (actor.world_from_actor.at(times[there]), actor.size_m)
@@ -83,13 +83,13 @@ class Row(Edit):
             )
         return drive
 
-    def course(self, source: Actor, drive: Drive, place: str) -> Course:
-        """Return the path of the row. Raises `ScenarioError` where there is none."""
+    def course(self, origin: FloatArray, drive: Drive, place: str) -> Course:
+        """Return the path of the row of copies of what stands at a pose (4, 4). Raises `ScenarioError` where there is
+        none."""
         if self.path is not None:
             points: FloatArray = np.array(self.path, float)
         elif self.along is None:
-            pose = source.world_from_actor.at(source.world_from_actor.times_s[0])
-            points = pose[:3, 3] + np.outer([0.0, STRAIGHT_M], pose[:3, 0])
+            points = origin[:3, 3] + np.outer([0.0, STRAIGHT_M], origin[:3, 0])
         elif self.along == EGO:
             points = drive.world_from_ego.positions
         else:
@@ -100,12 +100,15 @@ class Row(Edit):
             fail(f"{place}.along", "this goes nowhere, so nothing can stand along it")
         return course
 
-    def poses(self, source: Actor, drive: Drive, place: str) -> FloatArray:
-        """Return the poses (N, 4, 4) of all places, whatever else is there."""
-        course, pose = self.course(source, drive, place), source.world_from_actor.at(source.world_from_actor.times_s[0])
-        gone, _, above = course.nearest(pose[:3, 3])
+    def poses(self, origin: FloatArray, size_m: FloatArray, drive: Drive, place: str) -> FloatArray:
+        """Return the poses (N, 4, 4) of all places, whatever else is there, for copies of a box of a size (3,) that stands
+        at a pose (4, 4)."""
+        course = self.course(origin, drive, place)
+        gone, _, above = course.nearest(origin[:3, 3])
         heading = (
-            0.0 if self.path is not None else np.arctan2(pose[1, 0], pose[0, 0]) - course.beside(np.array([gone]))[1][0]
+            0.0
+            if self.path is not None
+            else np.arctan2(origin[1, 0], origin[0, 0]) - course.beside(np.array([gone]))[1][0]
         )
         count = int(self.count or 1 + max(self.end_m - self.start_m, 0.0) / (self.spacing_m or 1.0) + 1e-6)
         share = np.linspace(0, 1, count)
@@ -119,8 +122,13 @@ class Row(Edit):
         places, headings = course.beside(along, left)
         poses = np.tile(np.eye(4), (count, 1, 1))
         poses[:, :3, :3] = rotation_from_angles(headings + heading + VARIED_RAD * varied[:, 2], *np.zeros((2, count)))
-        poses[:, :3, 3] = places + [0.0, 0.0, source.size_m[2] / 2 if self.path is not None else above]
+        poses[:, :3, 3] = places + [0.0, 0.0, size_m[2] / 2 if self.path is not None else above]
         return poses
+
+
+def standing(actor: Actor) -> FloatArray:
+    """Return the pose (4, 4) of a recorded actor of which a row has copies: its first."""
+    return np.asarray(actor.world_from_actor.at(actor.world_from_actor.times_s[0]))
 
 
 def clear(poses: FloatArray, size_m: FloatArray, others: Iterable[tuple[FloatArray, FloatArray]]) -> BoolArray:
