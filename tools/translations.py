@@ -21,7 +21,7 @@ CALLS = {
     "interface": 1, "tooltip": 1, "message": 1, "label": 0, "operator": 0, "operator_menu_enum": 0, "prop": 0,
     "menu": 0,
     "progress": 0, "report": 2, "row_of": 2, "allowed": 9, "selected": 1, "Text": 1, "counted": 3, "translatable": 1,
-    "Slot": 2,
+    "Slot": 2, "optional_row": 3, "text_row": 2,
 }  # fmt: skip
 """Functions whose constant texts people see, and how many of their positional arguments may be such texts."""
 
@@ -56,7 +56,7 @@ def registered_texts() -> Iterator[str]:
             if kind in ("Operator", "Panel", "Menu"):
                 yield rna.name if kind == "Operator" else cls.bl_label
             if kind in ("Operator", "Menu"):
-                yield rna.description
+                yield rna.description if kind == "Operator" else cls.bl_description
             for name, prop in rna.properties.items():
                 if name in bpy.types.Operator.bl_rna.properties or name in bpy.types.PropertyGroup.bl_rna.properties:
                     continue
@@ -64,12 +64,20 @@ def registered_texts() -> Iterator[str]:
                     name in base.__dict__.get("__annotations__", {}) for base in cls.__mro__
                 ):
                     continue
-                if "HIDDEN" in prop.tags or prop.is_hidden:
-                    continue
-                yield from (prop.name if prop.name != name else "", prop.description)
-                if prop.type == "ENUM":
-                    for item in prop.enum_items:
-                        yield from (item.name, item.description)
+                if "HIDDEN" not in prop.tags and not prop.is_hidden:
+                    yield from texts_of(name, prop)
+    for owner in (bpy.types.WindowManager, bpy.types.Scene, bpy.types.Object):
+        for name, prop in owner.bl_rna.properties.items():
+            if name.startswith("unisim_") and prop.name != name:  # the others are in no layout
+                yield from texts_of(name, prop)
+
+
+def texts_of(name: str, prop: Any) -> Iterator[str]:
+    """Yield a property's name, its description, and those of its items."""
+    yield from (prop.name if prop.name != name else "", prop.description)
+    if prop.type == "ENUM":
+        for item in prop.enum_items:
+            yield from (item.name, item.description)
 
 
 def sources() -> list[Path]:

@@ -3,6 +3,8 @@
 import bpy
 from bpy.props import EnumProperty, StringProperty
 
+from .translations import interface
+
 DEVICES = (
     ("auto", "Automatic", "A GPU if the interpreter supports one, otherwise the CPU"),
     ("cpu", "CPU", "Render on the CPU"),
@@ -25,7 +27,8 @@ class UniSimPreferences(bpy.types.AddonPreferences):
 
     def draw(self, context: bpy.types.Context) -> None:
         """The choice, a test of it, and what came of that."""
-        self.layout.prop(self, "interpreter")
+        hint = {"placeholder": interface("Blender's own")} if bpy.app.version >= (4, 3, 0) else {}
+        self.layout.prop(self, "interpreter", **hint)
         self.layout.prop(self, "device")
         self.layout.operator("unisim.test_renderer")
         for line in context.window_manager.unisim_renderer.splitlines():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import bpy
@@ -10,9 +11,10 @@ import pytest
 from numpy.typing import NDArray
 
 from unisim_blender.bridge.objects.imported import imported_objects, source_of
-from unisim_blender.bridge.views.points import hide_points, points_of, put_points
-from unisim_blender.editing.layout.shapes import GREY, RECORDED, SIMULATED
-from unisim_blender.features.points.clouds import clouds, offset
+from unisim_blender.bridge.views import points as points_module
+from unisim_blender.bridge.views.points import hide_points, kind_of, put_sweep, sweep_of
+from unisim_blender.editing.sensors.sweeps import DROPS, RECORDED, SIMULATED, SweepPoints
+from unisim_blender.features.points.clouds import offset, shown_points
 
 
 def points(scene: Any) -> NDArray[Any]:
@@ -30,7 +32,7 @@ def test_a_simulated_sweep_stands_in_the_world(street: Any) -> None:
     assert len(first) > 5000
     low = np.percentile(first[:, 2], 30)
     assert abs(low) < 1.0  # most of a sweep is road
-    (one,) = imported_objects(street, "POINTS")
+    one, _ = sorted(imported_objects(street, "POINTS"), key=lambda obj: -len(obj.data.vertices))
     assert one.hide_viewport  # drawn in colours, not as Blender's own dots
     mesh = one.data
     assert {"intensity", "depth", "instance"} <= {a.name for a in mesh.attributes}
@@ -40,52 +42,93 @@ def test_a_simulated_sweep_stands_in_the_world(street: Any) -> None:
     assert not list(imported_objects(street, "POINTS"))
 
 
-def test_recorded_and_simulated_points_are_coloured_alike(street: Any) -> None:
-    points = np.array([[1.0, 0, 0], [2.0, 0, 0], [3.0, 0, 0]])
-    measured = {"intensity": np.array([0.0, 0.5, 1.0], np.float32), "depth": np.array([5.0, 40.0, 90.0], np.float32)}
-    recorded = put_points(street, "lidar", RECORDED, points, {**measured, "class": np.array([7, -1, 13], np.int32)})
-    simulated = put_points(street, "lidar", SIMULATED, points, {**measured, "instance": np.array([0, 3, 4], np.int32)})
-    for by in ("INTENSITY", "DEPTH"):
-        (places, one), (_, other) = points_of(recorded, by), points_of(simulated, by)
-        assert (places == points).all() and (one == other).all()
-        assert np.abs(np.diff(one, axis=0)).max(1).min() > 0.2  # low, middle and high can be told apart
-    by_class, by_instance = points_of(recorded, "INSTANCE")[1], points_of(simulated, "INSTANCE")[1]
-    assert by_class[1] == pytest.approx([*GREY, 1.0]) and by_instance[0] == pytest.approx([*GREY, 1.0])
-    assert np.abs(by_instance[1] - by_instance[2]).max() > 0.3 and np.abs(by_class[0] - by_class[2]).max() > 0.3
-    assert not np.array_equal(points_of(recorded, "ONE")[1], points_of(simulated, "ONE")[1])
-    bare = put_points(street, "lidar", RECORDED, points, {})
-    assert points_of(bare, "DEPTH")[1] == pytest.approx(np.tile([*GREY, 1.0], (3, 1)))
+def sweep(kind: str, count: Any = 3, **values: Any) -> SweepPoints:
+    """Points at 1 m, 2 m, ... ahead, with some attributes."""
+    points = np.arange(1.0, count + 1)[:, None] * [1.0, 0.0, 0.0]
+    return SweepPoints("lidar", kind, points, {name: np.asarray(value) for name, value in values.items()})
 
 
-def test_clouds_are_built_again_only_when_something_changed(street: Any) -> None:
-    built: list[str] = []
+def test_a_sweep_is_the_same_after_it_was_put_into_a_mesh(street: Any) -> None:
+    values = {"depth": np.array([5.0, 40.0, 90.0], np.float32), "cell": np.array([7, -1, 9])}
+    values |= {"instance": np.array([4, 4, 0]), "class": np.array([2, 1, 0])}
+    one = replace(sweep(RECORDED, **values), classes=("Bus", "Car"), frame=5.0)
+    again = sweep_of(put_sweep(street, one))
+    assert (again.lidar, again.kind, again.classes, again.frame) == ("lidar", RECORDED, ("Bus", "Car"), 5.0)
+    assert (again.points == one.points).all() and again.attributes.keys() == one.attributes.keys()
+    assert all((again.attributes[name] == values[name]).all() for name in values)
+    drops = put_sweep(street, sweep(DROPS[RECORDED], cell=[1, 2, 3]))
+    assert kind_of(drops) == DROPS[RECORDED] and sweep_of(drops).lidar == "lidar"
 
-    def drawn() -> int:
-        clouds(street, lambda obj, by: built.append(f"{obj.name} {by}"))
-        return len(built)
 
-    points = np.zeros((3, 3))
-    put_points(street, "lidar", RECORDED, points, {})
-    put_points(street, "lidar", SIMULATED, points, {})
-    assert drawn() == 2 and drawn() == 2
+def test_a_large_sweep_is_thinned_by_beams(street: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(points_module, "MAX_CELLS", 10)
+    recorded, simulated = (
+        sweep_of(put_sweep(street, sweep(kind, len(cells), cell=cells)))
+        for kind, cells in ((RECORDED, range(0, 26)), (SIMULATED, range(25, -1, -1)))
+    )
+    assert list(recorded.attributes["cell"]) == list(range(0, 26, 3))
+    assert set(simulated.attributes["cell"]) == set(recorded.attributes["cell"])
+
+
+def test_points_of_two_frames_are_not_compared(street: Any) -> None:
+    values = {"cell": [0, 1, 2], "depth": [1.0, 2.0, 3.0], "intensity": [0.1, 0.2, 0.3]}
+    for sweeps in (sweep(RECORDED, **values), sweep(DROPS[RECORDED], cell=[3, 4, 5]), sweep(SIMULATED, **values)):
+        put_sweep(street, sweeps)
+    shown = shown_points(street)
+    assert shown is not None and "Median range error 0.000 m" in shown.legend.lines[-2]
+    put_sweep(street, replace(sweep(RECORDED, **values), frame=6.0))
+    shown = shown_points(street)
+    assert shown is not None and shown.legend.lines[-1] == "The simulated points of this frame are being computed"
+
+
+def test_points_are_coloured_again_only_when_something_changed(street: Any) -> None:
+    assert shown_points(street) is None
+    put_sweep(street, sweep(RECORDED, depth=[1.0, 2.0, 3.0]))
+    put_sweep(street, sweep(SIMULATED, depth=[1.0, 2.0, 3.0]))
+    first = shown_points(street)
+    assert first is not None and shown_points(street) is first
     street.unisim.recorded_offset_m = 7.0
-    assert drawn() == 2
+    assert shown_points(street) is first
     street.unisim.points_colour = "DEPTH"
-    assert drawn() == 4 and drawn() == 4
-    put_points(street, "lidar", SIMULATED, points + 1, {})
-    assert drawn() == 5
-    hide_points(street, RECORDED)
-    assert drawn() == 5
-    put_points(street, "lidar", RECORDED, points, {})
-    assert drawn() == 6
+    second = shown_points(street)
+    assert second is not None and second is not first and second.legend.bar is not None
+    put_sweep(street, sweep(SIMULATED, depth=[1.0, 2.0, 4.0]))
+    assert shown_points(street) is not second
+    hide_points(street, (RECORDED, SIMULATED))
+    assert shown_points(street) is None
+
+
+def test_dropped_beams_are_shown_on_request(street: Any) -> None:
+    street.frame_set(5)
+
+    def kinds() -> set[str]:
+        return {kind_of(one) for one in imported_objects(street, "POINTS")}
+
+    assert bpy.ops.unisim.show_points(recorded=True, simulated=False) == {"FINISHED"}
+    assert kinds() == {RECORDED} and not street.unisim.show_drops
+    assert bpy.ops.unisim.show_points(recorded=True, simulated=True, drops=True) == {"FINISHED"}
+    assert kinds() == {RECORDED, SIMULATED, *DROPS.values()} and street.unisim.show_drops
+    shown = shown_points(street)
+    assert shown is not None and "drops agree in 9" in shown.legend.lines[-2]
+    by_kind = {one.kind: one for one in shown.sweeps}
+    lidar = source_of(street).drive.lidars[by_kind[RECORDED].lidar]
+    cells = lidar.model.beams * lidar.model.columns
+    assert len(by_kind[SIMULATED].points) + len(by_kind[DROPS[SIMULATED]].points) == cells
+    (lidar_object,) = imported_objects(street, "LIDAR")
+    lidar_object.location.z += 0.5
+    bpy.context.view_layer.update()
+    assert bpy.ops.unisim.show_points(recorded=True, simulated=True) == {"FINISHED"}
+    shown = shown_points(street)
+    assert shown is not None and shown.legend.lines[-1] == "Not compared: the beams are not the recorded ones"
+    assert bpy.ops.unisim.show_points(recorded=False, simulated=False) == {"FINISHED"}
+    assert not kinds()
 
 
 def test_recorded_points_beside_are_to_the_vehicles_left(street: Any) -> None:
-    recorded = put_points(street, "lidar", RECORDED, np.zeros((1, 3)), {})
-    simulated = put_points(street, "lidar", SIMULATED, np.zeros((1, 3)), {})
     street.unisim.recorded_offset_m = 30.0
     street.frame_set(5)
     source = source_of(street)
     left = source.drive.world_from_ego.at(source.drive.time_s[5])[:3, 1]
-    assert np.array(offset(street, recorded)) == pytest.approx(30.0 * left, abs=1e-3)
-    assert np.array(offset(street, simulated)) == pytest.approx([0.0, 0.0, 0.0])
+    for kind in (RECORDED, DROPS[RECORDED]):
+        assert np.array(offset(street, kind)) == pytest.approx(30.0 * left, abs=1e-3)
+    assert np.array(offset(street, SIMULATED)) == pytest.approx([0.0, 0.0, 0.0])

@@ -83,6 +83,8 @@ def place_of(
     area = next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == where)
     region = region_of(area, kind)
     name = (name,) if isinstance(name, str) else name
+    if kind == "UI":
+        yield from choose_task(next((tasks for parts, tasks in TASK_OF if re.search(parts, " ".join(name))), ("EDIT",)))
     met: dict[str, list[Place]] = {}
     found_at.clear()
     if not every:
@@ -269,20 +271,57 @@ def reports() -> list[str]:
         found.ui_type = kind
 
 
+TASKS = ("VIEW", "EDIT", "SIMULATE", "RENDER")
+"""The sidebar's tasks, from left to right."""
+TASK_OF = (
+    (r"show_sensor\(|unisim_actors|choose_actor|look_through|listed", ("VIEW", "EDIT")),
+    (r"variant", ("EDIT", "RENDER")),
+    (r"unisim_simulation|unisim\.simulate|drive_on|rollout|model", ("SIMULATE",)),
+    (r"cancel_task|batch|parameter|open_report", ("SIMULATE", "RENDER")),
+    (
+        r"show_(ways|sensors|timeline|recorded|simulated|points)|unisim_view|points_|recorded_|unsupported|import_",
+        ("VIEW",),
+    ),
+    (
+        r"render_seq|open_output|play_result|export_scen|\.train|make_lib|quality|passes|sequence_|unisim\.out",
+        ("RENDER",),
+    ),
+)
+"""Parts of the names of buttons, and the tasks whose panels have them; all others are among the edits."""
+
+
+def choose_task(tasks: tuple[str, ...]) -> Iterator[float]:
+    """Click on the first of some tasks in the sidebar, unless one of them is chosen."""
+    manager, region = bpy.context.window_manager, region_of(view()[0], "UI")
+    chosen = getattr(manager, "unisim_panels", None)  # earlier versions have none
+    if chosen in (None, *tasks) or not bpy.context.scene.unisim.log:
+        return
+    yield from to(region.x + 0.04 * region.width, region.y + region.height / 2)
+    yield from scroll("HOME")
+    share = 0.04 + 0.86 * (TASKS.index(tasks[0]) + 0.5) / len(TASKS)
+    met: dict[str, list[Place]] = {}
+    found_at.clear()
+    yield from first_of(view()[0], "UI", ("unisim_panels",), (share,), met)
+    yield from to(*found_at.pop())
+    yield from click()
+    yield 0.5
+    assert manager.unisim_panels == tasks[0], f"a click on {tasks[0]} shows {manager.unisim_panels}"
+
+
 HEADERS = {
     "Insert": ("unisim.replace_appearance", 33),
     "Static Items": ("unisim.replace_appearance", 59),
     "Motion": ("unisim.replace_appearance", 85),
     "Actors": ("unisim.replace_appearance", 113),
     "Variants": ("unisim.replace_appearance", 141),
-    "Show": ("unisim.check()", -115),
-    "Ego": ("unisim.check()", -87),
-    "Sensors": ("unisim.check()", -59),
-    "Simulate": ("unisim.export_scenario()", 85),
-    "Batch": ("unisim.export_scenario()", 113),
+    "Sensors": ("unisim.replace_appearance", 169),
+    "Ego": ("unisim.replace_appearance", 197),
+    "Show": ("unisim.import_scene", 33),
+    "Simulate": ("unisim_simulation.seed", -120),
+    "Batch": ("unisim.export_scenario()", 85),
 }
-"""Where the header of each panel is that is closed at first: a button near it and how far below that, in pixels, while
-the panels between are closed."""
+"""Where the header of each panel is: a button near it and how far below that, in pixels, while the panels between are
+closed."""
 BELOW = 220
 """How far below its header a button of a panel is looked for, in pixels."""
 

@@ -12,7 +12,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 from browser import choose_path
-from buttons import INNER, Place, buttons, held, press, region_of, reports, scroll
+from buttons import INNER, TASKS, Place, buttons, choose_task, held, press, region_of, reports
 from displaced import select
 from hands import edits, key, middle, object_named, to, write
 from pixels import HEADLESS, Image, apart, grab, part, region_rectangle
@@ -25,37 +25,29 @@ def tabs() -> bpy.types.Region:
     return region_of(area("VIEW_3D"), "UI")
 
 
-def scrolled(end: str) -> Iterator[float]:
-    """Scroll the sidebar to its top, or with "end " to its end."""
-    yield from to(tabs().x + tabs().width / 2, tabs().y + tabs().height / 2)
-    yield from key("HOME")
-    yield 0.3
-    for _ in range(3 if end else 0):
-        yield from scroll()
-
-
 def button_places(into: dict[str, Place]) -> Iterator[float]:
-    """Note where the sidebar's buttons are, by name without arguments: on its first screen and, with "end " before the
-    name, on its last one."""
+    """Note where the sidebar's buttons are, by task and name without arguments, as far as they are seen without
+    scrolling."""
     found: dict[str, list[Place]] = {}
-    for end in ("", "end "):
-        yield from scrolled(end)
+    for task_name in TASKS:
+        yield from choose_task((task_name,))
         yield from buttons(area("VIEW_3D"), "UI", found)
-        into.update({end + name.split("(")[0]: places[0] for name, places in found.items() if places})
-    results["sidebar_px"] = {"all": -round(tabs().view2d.region_to_view(0, 0)[1]), "seen_at_once": tabs().height}
+        into.update({f"{task_name} {name.split('(')[0]}": places[0] for name, places in found.items() if places})
+        high = -round(tabs().view2d.region_to_view(0, 0)[1])
+        results[f"sidebar_px {task_name}"] = {"all": high, "seen_at_once": tabs().height}
 
 
 def elsewhere(first: dict[str, Place], into: list[str]) -> Iterator[float]:
     """Note which buttons are no longer where they were, by what is there now."""
     here = [""]
-    for end in ("", "end "):
-        yield from scrolled(end)
+    for task_name in TASKS:
+        yield from choose_task((task_name,))
         for name, (x, y) in first.items():
-            if name.startswith("end ") != bool(end):
+            if not name.startswith(f"{task_name} "):
                 continue
             for aside in (-INNER, INNER):
                 yield from held(area("VIEW_3D"), tabs(), x, y + aside, here)
-                if end + here[0].split("(")[0] != name:
+                if f"{task_name} {here[0].split('(')[0]}" != name:
                     into.append(f"where {name} was is {here[0] or 'none'}")
 
 
@@ -68,13 +60,17 @@ def steady_panel() -> Iterator[float]:
     first: dict[str, Place] = {}
     moved: list[str] = []
     yield from button_places(first)
-    assert {"unisim.replace_appearance", "end unisim.render_sequence"} <= set(first), first
+    assert {"EDIT unisim.replace_appearance", "EDIT unisim.check", "RENDER unisim.render_sequence"} <= set(first), first
 
     def nothing() -> Iterator[float]:
         yield from key("A", alt=True)
 
     def actor() -> Iterator[float]:
         yield from click_car(driving=True)
+
+    def shading() -> Iterator[float]:
+        view()[1].shading.type = "RENDERED"
+        yield 0.5
 
     def sensor() -> Iterator[float]:
         choose(bpy.context.scene.camera)
@@ -97,7 +93,7 @@ def steady_panel() -> Iterator[float]:
             60,
         )
 
-    for change in (actor, next_frame, sensor, running, nothing, ended):
+    for change in (actor, next_frame, shading, sensor, running, nothing, ended):
         yield from to(*middle(area("VIEW_3D")))
         yield from change()
         yield 0.5

@@ -42,7 +42,7 @@ def first_points() -> Iterator[float]:
         yield from redraw_alone()
         without = heart.longest
         yield from to(*middle(area("VIEW_3D")))
-        yield from press("unisim.show_points(recorded=True, simulated=False)", columns=(0.3, 0.45, 0.62, 0.8))
+        yield from press("unisim.show_points(recorded=True, simulated=False", columns=(0.3, 0.45, 0.62, 0.8))
         heart.begin()
         yield from until(shown, "no recorded points are shown", 30)
         yield 1.0

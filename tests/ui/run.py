@@ -31,7 +31,8 @@ FIRST_DISPLAY = {"trixie": 93, "sid": 113}
 """By release: displays are the machine's, whatever Debian opens them."""
 SLOTS = 8
 """How many runs there may be at once, each with a display and a work folder of its own."""
-BLENDER = ["blender", "--factory-startup", "--no-window-focus", "-p", "0", "0", "1600", "900"]
+WINDOW = os.environ.get("UNISIM_UI_WINDOW", "1600x900").split("x")
+BLENDER = ["blender", "--factory-startup", "--no-window-focus", "-p", "0", "0", *WINDOW]
 SESSIONS = {
     "person": ["--enable-event-simulate"],
     "edits": ["--enable-event-simulate"],
@@ -44,6 +45,7 @@ SESSIONS = {
     "rollouts": ["--enable-event-simulate"],
     "batches": ["--enable-event-simulate"],
     "panel": ["--enable-event-simulate"],
+    "overview": ["--enable-event-simulate"],
     "points": ["--enable-event-simulate"],
     "first_drive": ["--enable-event-simulate"],
     "window": [],

@@ -20,7 +20,7 @@ from ..editing.motion.retiming import instant_of
 from ..editing.sampled.clock import Clock
 from ..editing.texts import UPPER, cased, packed, unpacked
 from ..registering import add, take_away
-from ..translations import localized, message
+from ..translations import interface, localized, message
 from .drive.export_operators import sampled_in_steps
 from .motion.properties import limits_of
 from .operator_bases import AtOnce, Needing, in_thread
@@ -136,6 +136,7 @@ class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
 
     bl_label = "Check"
     bl_order = 7
+    tasks = ("EDIT",)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw a line for each finding, which jumps to the place."""
@@ -148,6 +149,9 @@ class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
             self.layout.label(text="Edited since the check", icon="FILE_REFRESH")
         elif not check.warnings:
             self.layout.label(text="No warnings", icon="BLANK1")
+        else:
+            text = interface("Warnings: {count}", count=len(check.warnings))
+            self.layout.label(text=text, translate=False, icon="ERROR")
         column = self.layout.column(align=True)
         column.active = not outdated
         for warning in check.warnings:

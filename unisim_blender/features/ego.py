@@ -54,8 +54,8 @@ class UNISIM_OT_ego_body(Needing, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle, selected("Select a mesh object that is not part of the drive yet", "NONE"))
 
-    place: EnumProperty(name="Place", items=PLACES)
-    forward: EnumProperty(name="Points along", items=DIRECTIONS)
+    place: EnumProperty(name="Place", description="Where the body goes", items=PLACES)
+    forward: EnumProperty(name="Points along", description="Axis of the object that points ahead", items=DIRECTIONS)
     label: StringProperty(
         name="Class", description="As the log's labels have it: Car, Pickup Truck, Bus …", default=DEFAULT_LABEL
     )
@@ -111,7 +111,8 @@ class UNISIM_PT_ego(DrivePanel, bpy.types.Panel):
     """The vehicle that recorded the drive"""
 
     bl_label = "Ego"
-    bl_order = 5
+    bl_order = 6
+    tasks = ("EDIT",)
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:

@@ -12,7 +12,7 @@ from ..preferences import device, interpreter
 from ..process.background import curve_icon, launch
 from ..process.tasks import TrainingTask
 from .operator_bases import Needing, nothing_runs, reporting
-from .sidebar import DrivePanel, draw_task
+from .sidebar import DrivePanel, draw_task, optional_row, settings_column, switch_of, text_row
 
 PREVIEW_S = 30.0
 """Between two previews, or longer where they would cost too much."""
@@ -28,7 +28,10 @@ class UNISIM_OT_train(Needing, bpy.types.Operator):
 
     directory: StringProperty(name="Folder", description="Folder of the trained scene", subtype="DIR_PATH")
     minutes: FloatProperty(name="Minutes", description="Training time in minutes", default=60.0, min=0.1)
-    width: IntProperty(name="Width", description="Image width in pixels; 0 for the recorded width", default=640, min=0)
+    width: IntProperty(name="Width", description="Image width in pixels", default=640, min=0, soft_min=8)
+    has_width: switch_of(
+        "width", lambda self: 640, "Set Width", "Train on images of this width; while off, of the recorded one"
+    )
     preset: EnumProperty(
         name="Preset",
         description="Model configuration",
@@ -36,7 +39,7 @@ class UNISIM_OT_train(Needing, bpy.types.Operator):
         default="small",
     )
     cameras: StringProperty(
-        name="Cameras", description="Camera names separated by commas, or all; empty for the one that faces ahead"
+        name="Cameras", description="Camera names separated by commas, or all; the one that faces ahead if empty"
     )
     frames: StringProperty(name="Frames", description="Frames as START:STOP:STEP", default="::2")
 
@@ -44,6 +47,15 @@ class UNISIM_OT_train(Needing, bpy.types.Operator):
         """Ask for the folder."""
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the settings beside the file browser."""
+        column = settings_column(self.layout)
+        column.prop(self, "preset")
+        column.prop(self, "minutes")
+        optional_row(column, "Width", "As recorded", self, "has_width", "width")
+        text_row(column, "The one that faces ahead", self, "cameras")
+        column.prop(self, "frames")
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:

@@ -11,6 +11,7 @@ from ..features.motion import drag, rows
 from ..features.motion import operators as motion
 from ..features.motion import properties as motion_properties
 from ..features.output import operators as output
+from ..features.points import birds_eye
 from ..features.points import operators as points
 from ..features.sensors import operators as sensors
 from ..features.sensors import rig_presets
@@ -32,6 +33,7 @@ MODULES = (
     rows,
     rig_presets,
     points,
+    birds_eye,
     background,
     output,
     simulation,

@@ -27,6 +27,7 @@ class UNISIM_MT_object(bpy.types.Menu):
     """Edit a drive"""
 
     bl_label = "UniSim"
+    bl_description = "Edits of the selected parts of the drive"
 
     def draw(self, context: bpy.types.Context) -> None:
         """As in the sidebar."""
@@ -199,6 +200,7 @@ class UNISIM_MT_pie(bpy.types.Menu):
     """Edits of the active object of the drive"""
 
     bl_label = "UniSim"
+    bl_description = "Edits of the active object of the drive"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

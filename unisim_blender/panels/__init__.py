@@ -1,6 +1,6 @@
 """Panels, in the order in which the sidebar has them."""
 
-from ..features import check, ego, training
+from ..features import check, ego, sidebar, training
 from ..features.actor_list import panel as actor_list
 from ..features.actors import panel as actors
 from ..features.batch import panel as batch
@@ -14,6 +14,7 @@ from ..features.variants import panel as variants
 from . import statusbar
 
 MODULES = (
+    sidebar,
     drive,
     actor_list,
     actors,

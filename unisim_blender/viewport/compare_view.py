@@ -171,25 +171,29 @@ class UNISIM_GGT_split(bpy.types.GizmoGroup):
 
 
 def draw_modes(self: bpy.types.Header, context: bpy.types.Context) -> None:
-    """Draw which images are shown into the header of a view that the engine draws."""
-    if is_rendered(context):
-        self.layout.prop(context.window_manager.unisim_view, "mode", text="")
+    """Draw quality and mode into the header of the views of a drive; grey where the engine does not draw the view, so
+    that shading moves no button."""
+    if context.scene.unisim.log:
+        row = self.layout.row()
+        row.enabled = is_rendered(context)
+        row.prop(context.scene.unisim, "quality", text="")
+        row.prop(context.window_manager.unisim_view, "mode", text="")
 
 
 def draw_options(layout: Any, context: bpy.types.Context) -> None:
-    """Draw a view's options into a panel; those that do not apply are left out."""
-    view = context.window_manager.unisim_view
-    column = layout.column()
-    column.enabled = is_rendered(context)
-    column.prop(view, "mode")
-    if view.mode == "SPLIT":
-        column.prop(view, "split", slider=True)
-    if view.mode == "DIFFERENCE":
-        column.prop(view, "gain")
-    column.prop(view, "unsupported")
-    column.prop(view, "clip")
-    if not is_rendered(context):
-        layout.label(text="For Rendered shading by UniSim", icon="INFO")
+    """Draw a view's options into a panel; those that do not apply are grey."""
+    view, rendered = context.window_manager.unisim_view, is_rendered(context)
+    layout.label(text="In Rendered Shading by UniSim", icon="SHADING_RENDERED")
+    for name, applies in (
+        ("mode", True),
+        ("split", view.mode == "SPLIT"),
+        ("gain", view.mode == "DIFFERENCE"),
+        ("unsupported", True),
+        ("clip", True),
+    ):
+        row = layout.row()
+        row.enabled = rendered and applies
+        row.prop(view, name)
 
 
 def _turn() -> float | None:

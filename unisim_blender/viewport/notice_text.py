@@ -12,8 +12,8 @@ from ..bridge.sampling.stepping import frame_of
 from ..bridge.views.points import kind_of
 from ..core.errors import UnisimError
 from ..editing.images.views import BAND_PX, outside_drive, stripes
-from ..editing.layout.shapes import RECORDED
 from ..editing.sampled.source import DriveSource
+from ..editing.sensors.sweeps import RECORDED
 from ..editing.texts import Text
 from ..registering import Drawing
 from ..translations import localized

@@ -14,10 +14,12 @@ from ..bridge.views.trails import outline, trail
 from ..bridge.window import chosen
 from ..core.errors import UnisimError
 from ..core.geometry import FloatArray, invert_pose
+from ..editing.layout.speed_graph import GraphShapes
 from ..editing.sampled.clock import Clock
 from ..editing.sampled.scene import optical, rigid
 from ..editing.sensors.lenses import bent_edges, corners
 from ..registering import Drawing
+from ..translations import localized
 from .view_types import looks_through
 from .views import camera_rectangle
 
@@ -25,6 +27,7 @@ MAX_DRAWN = 20
 """Objects of either kind whose trajectories or outlines are drawn at once."""
 COLOUR, CHOSEN_COLOUR, ACTIVE_COLOUR = (1.0, 1.0, 1.0, 0.7), (0.95, 0.45, 0.1, 1.0), (1.0, 0.65, 0.25, 1.0)
 KINDS = ("ACTOR", "BODY")
+FONT_SIZE = 11
 
 
 def draw_trails() -> None:
@@ -110,6 +113,26 @@ def outlines(
                 active = chosen and layer.objects.active == obj
                 boxes.append((segments, ACTIVE_COLOUR if active else CHOSEN_COLOUR if chosen else COLOUR))
     return boxes
+
+
+def draw_shapes(shapes: GraphShapes, corner: FloatArray, scale: float) -> None:
+    """Draw shapes with their lower left at a corner (2,) of the region."""
+    import blf
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    if shapes.corners:
+        points = np.zeros((len(shapes.corners), 3), np.float32)
+        points[:, :2] = corner + scale * np.array(shapes.corners)
+        shader = gpu.shader.from_builtin("SMOOTH_COLOR")
+        gpu.state.blend_set("ALPHA")
+        batch_for_shader(shader, "TRIS", {"pos": points, "color": np.array(shapes.colours, np.float32)}).draw(shader)
+        gpu.state.blend_set("NONE")
+    blf.size(0, FONT_SIZE * scale)
+    for text, x, y, colour in shapes.texts:
+        blf.color(0, *colour)
+        blf.position(0, corner[0] + scale * x, corner[1] + scale * y, 0)
+        blf.draw(0, localized(text))
 
 
 DRAWINGS = (Drawing(draw_boxes, "POST_PIXEL"), Drawing(draw_trails))

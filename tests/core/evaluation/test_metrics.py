@@ -14,7 +14,8 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.evaluation.metrics import chamfer, lidar_metrics, mean_of, psnr, ssim
+from unisim_blender.core.evaluation.lidar_metrics import lidar_metrics
+from unisim_blender.core.evaluation.metrics import chamfer, mean_of, psnr, ssim
 from unisim_blender.core.evaluation.perceptual import Lpips
 from unisim_blender.core.geometry import FloatArray
 

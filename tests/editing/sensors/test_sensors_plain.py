@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from imported_scene import imported, one_of
 
 from unisim_blender.core.errors import ScenarioError
-from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.rigs import Rig
 from unisim_blender.core.world.drive import CameraModel, RollingShutter
 from unisim_blender.editing.layout.shapes import DISPLAY_M, pyramid, ring
@@ -30,7 +28,6 @@ from unisim_blender.editing.sensors.mounts import (
     recorded_camera_pose,
     recorded_mount,
     recorded_pose,
-    recorded_returns,
     sees_the_same,
     turned_to,
 )
@@ -154,18 +151,6 @@ def test_names() -> None:
     for wrong in ("", "   ", ".hidden", "a/b", "a:b", "x" * (LONGEST_NAME + 1)):
         with pytest.raises(ScenarioError, match="a preset's name has 1 to 60 letters"):
             preset_name(wrong)
-
-
-def test_recorded_returns_of_a_log(street_log: Path) -> None:
-    log = open_log(street_log)
-    source = DriveSource(street_log, None, log.drive, log, {})
-    (one,) = recorded_returns(source, 1)
-    sweep = log.sweep(one.lidar, 1)
-    assert np.array_equal(one.points, sweep.points) and set(one.attributes) == {"intensity", "class", "depth"}
-    assert one.attributes["depth"] == pytest.approx(np.linalg.norm(sweep.points - sweep.origins, axis=1))
-    (none,) = recorded_returns(source, 99)
-    assert none.points.shape == (0, 3) and not none.attributes
-    assert recorded_returns(replace(source, log=None), 1) == []
 
 
 def test_a_rig_is_counted() -> None:

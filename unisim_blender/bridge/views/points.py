@@ -1,80 +1,85 @@
-"""Sweeps as point-cloud meshes: recorded returns, and simulated ones. The meshes hold the data; `clouds.py`
-draws them."""
+"""Sweeps as point-cloud meshes: what LiDARs returned, and beams that did not return, recorded and simulated. The meshes
+hold the data; `features/points` draws them."""
 
 from __future__ import annotations
 
+import json
 import uuid
+from collections.abc import Iterable, Sequence
 
 import bpy
 import numpy as np
-from numpy.typing import NDArray
 
-from ...core.geometry import FloatArray
-from ...editing.layout.shapes import RECORDED, SIMULATED, PointColours, point_colours
-from ...editing.sensors.mounts import RecordedReturns
+from ...editing.sensors.sweeps import DROPS, RECORDED, SIMULATED, SweepPoints
 from ..objects.imported import collection_of, imported_objects
 
-MAX_POINTS = 60_000
-"""More are thinned for display."""
-KINDS = (RECORDED, SIMULATED)
+MAX_CELLS = 400_000
+"""Of sweeps with more beams than these every second one, third one and so on is shown."""
+KINDS = (RECORDED, SIMULATED, *DROPS.values())
+ABOUT_KEY = "unisim_sweep"
+"""A mesh's custom property: the classes that its points' attribute counts, and the frame, as JSON."""
 
 
-def put_points(
-    scene: bpy.types.Scene, lidar: str, kind: str, points: FloatArray, attributes: dict[str, NDArray[np.generic]]
-) -> bpy.types.Object:
-    """Show points (N, 3) of the world, with attributes (N,), in place of those that were shown of
-    that LiDAR and kind."""
+def put_sweeps(scene: bpy.types.Scene, sweeps: Iterable[SweepPoints]) -> None:
+    """Show sweeps in place of those that were shown of the same LiDARs and kinds."""
+    for sweep in sweeps:
+        put_sweep(scene, sweep)
+
+
+def put_sweep(scene: bpy.types.Scene, sweep: SweepPoints) -> bpy.types.Object:
+    """Show a sweep in place of the one that was shown of that LiDAR and kind."""
+    points = sweep.points
     assert points.ndim == 2 and points.shape[1] == 3, f"points of shape {points.shape}"
-    uid = f"{lidar} {kind}"
+    uid = f"{sweep.lidar} {sweep.kind}"
     obj = next((t for t in imported_objects(scene, "POINTS") if t.unisim.uid == uid), None)
     if obj is None:
-        obj = bpy.data.objects.new(f"{lidar} ({kind})", bpy.data.meshes.new(f"UniSim {uid}"))
+        obj = bpy.data.objects.new(f"{sweep.lidar} ({sweep.kind})", bpy.data.meshes.new(f"UniSim {uid}"))
         collection_of(scene, "POINTS").objects.link(obj)
         obj.unisim.kind, obj.unisim.uid = "POINTS", uid
         obj.hide_select = obj.hide_render = True
         obj.hide_viewport = True  # else Blender's own dots lie over the coloured points
     obj.unisim.stamp = uuid.uuid4().hex
-    step = -(-len(points) // MAX_POINTS) or 1
+    number = np.asarray(sweep.attributes.get("cell", np.full(len(points), -1)))
+    number = np.where(number < 0, np.arange(len(points)), number)
+    shown = number % (int(number.max(initial=0)) // MAX_CELLS + 1) == 0
     mesh = obj.data
     mesh.clear_geometry()
-    mesh.vertices.add(len(points[::step]))
-    mesh.vertices.foreach_set("co", np.ascontiguousarray(points[::step], np.float32).ravel())
-    for name, values in attributes.items():
+    mesh[ABOUT_KEY] = json.dumps([sweep.classes, sweep.frame])
+    mesh.vertices.add(int(shown.sum()))
+    mesh.vertices.foreach_set("co", np.ascontiguousarray(points[shown], np.float32).ravel())
+    for name, values in sweep.attributes.items():
         whole = np.issubdtype(values.dtype, np.integer)
         attribute = mesh.attributes.new(name, "INT" if whole else "FLOAT", "POINT")
-        attribute.data.foreach_set("value", np.ascontiguousarray(values[::step], np.int32 if whole else np.float32))
+        attribute.data.foreach_set("value", np.ascontiguousarray(values[shown], np.int32 if whole else np.float32))
     mesh.update()
     return obj
 
 
-def put_recorded(scene: bpy.types.Scene, sweeps: list[RecordedReturns]) -> None:
-    """Show recorded returns that were read."""
-    for sweep in sweeps:
-        put_points(scene, sweep.lidar, RECORDED, sweep.points, sweep.attributes)
-
-
 def kind_of(obj: bpy.types.Object) -> str:
-    """Whether points are recorded or simulated."""
-    return next(kind for kind in KINDS if obj.unisim.uid.endswith(kind))
+    """Return which of `KINDS` points are."""
+    return next(kind for kind in KINDS if obj.unisim.uid.endswith(f" {kind}"))
 
 
-def points_of(obj: bpy.types.Object, by: str) -> tuple[NDArray[np.float32], PointColours]:
-    """Points (N, 3) of the world and their colours (N, 4), by ONE, INTENSITY, DEPTH or INSTANCE."""
-    mesh = obj.data
+def sweep_of(obj: bpy.types.Object) -> SweepPoints:
+    """Return the sweep that an object shows."""
+    mesh, kind = obj.data, kind_of(obj)
     count = len(mesh.vertices)
-    points = np.empty(3 * count, np.float32)
+    points, attributes = np.empty(3 * count, np.float32), {}
     mesh.vertices.foreach_get("co", points)
-    attributes: dict[str, NDArray[np.generic]] = {}
-    for name in ("intensity", "depth", "instance", "class"):
+    for name in ("intensity", "depth", "ring", "cell", "instance", "class"):
         if (attribute := mesh.attributes.get(name)) is not None:
             attributes[name] = np.empty(count, np.int32 if attribute.data_type == "INT" else np.float32)
             attribute.data.foreach_get("value", attributes[name])
-    return points.reshape(-1, 3), point_colours(kind_of(obj), by, attributes, count)
+    classes, frame = json.loads(mesh.get(ABOUT_KEY, "[[], 0]"))
+    if not classes:  # files of earlier versions count other classes
+        attributes.pop("class", None)
+    lidar = obj.unisim.uid.removesuffix(f" {kind}")
+    return SweepPoints(lidar, kind, points.reshape(-1, 3), attributes, tuple(classes), frame)
 
 
-def hide_points(scene: bpy.types.Scene, kind: str) -> None:
-    """Take one kind of points away."""
-    for obj in [obj for obj in imported_objects(scene, "POINTS") if kind_of(obj) == kind]:
+def hide_points(scene: bpy.types.Scene, kinds: Sequence[str]) -> None:
+    """Take points of some kinds away."""
+    for obj in [obj for obj in imported_objects(scene, "POINTS") if kind_of(obj) in kinds]:
         mesh = obj.data
         bpy.data.objects.remove(obj)
         bpy.data.meshes.remove(mesh)

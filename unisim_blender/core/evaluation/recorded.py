@@ -30,7 +30,8 @@ from ..world.captures import Capture
 from ..world.drive import Actor, Camera, CameraModel, Drive, LidarModel
 from ..world.own_rates import captures_of
 from .images import CaptionedImage, depth_image, difference_image, outline, sweep_image
-from .metrics import ImageArray, chamfer, lidar_metrics, mean_of, mean_squared_error, psnr, psnr_from_error, ssim
+from .lidar_metrics import lidar_metrics
+from .metrics import ImageArray, chamfer, mean_of, mean_squared_error, psnr, psnr_from_error, ssim
 
 RayResults = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]
 """Depth (m), intensity, probability of a return and instance of LiDAR rays, each (N,)."""

@@ -127,23 +127,31 @@ class Jobs:
         return joined_where_cheaper([*regions, *(Region(*part) for part in update["unfinished"])])
 
     def lidar(self, request: WorkerMessage) -> Iterator[WorkerMessage]:
-        """Render a sweep of the members of `capture_request`: points (N, 3) in the world, intensity, depth and instance
-        (N,) of the beams that return."""
+        """Render a sweep of the members of `capture_request`: points (N, 3) in the world, intensity, depth, instance and
+        cell (column * beams + ring) (N,) of the beams that return; ``dropped_origins``, ``dropped_directions`` (M, 3)
+        and ``dropped_cell`` (M,) of those that do not. The event also has the number of ``beams``, and id and class of
+        the ``actors`` that instances count from 1."""
         lidar = decode_sensor(_text(request, "sensor"))
         if not isinstance(lidar, Lidar):
             raise EncodingError(f"a sweep is asked for of camera {lidar.sensor_id!r}")
         renderer = yield from self._renderer(request)
         state, time_s = _seen_state(request, renderer, lidar)
         sweep = renderer.render(state, lidar, time_s)
-        at = sweep.returned
-        points = sweep.origins[at] + sweep.directions[at] * sweep.depth_m[at][:, None]
+        at, dropped = sweep.returned, ~sweep.returned if lidar.blocked is None else ~sweep.returned & ~lidar.blocked
+        beams, columns = at.shape
+        cell = (np.arange(columns) * beams + np.arange(beams)[:, None]).astype(np.int32)
         arrays = {
-            "points": points,
+            "points": sweep.origins[at] + sweep.directions[at] * sweep.depth_m[at][:, None],
             "intensity": sweep.intensity[at],
             "depth": sweep.depth_m[at],
             "instance": sweep.instance[at],
+            "cell": cell[at],
+            "dropped_origins": sweep.origins[dropped].astype(np.float32),
+            "dropped_directions": sweep.directions[dropped].astype(np.float32),
+            "dropped_cell": cell[dropped],
         }
-        yield self._leave(arrays, instances=list(sweep.instances))
+        labels = {actor.uid: actor.label for actor in state.actors}
+        yield self._leave(arrays, beams=beams, actors=[[uid, labels[uid]] for uid in sweep.instances])
 
     def _renderer(self, request: WorkerMessage) -> Generator[WorkerMessage, None, Renderer]:
         """Return the renderer of a request: of its trained scene, or of the log's surfels if it names none."""

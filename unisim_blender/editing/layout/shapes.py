@@ -1,96 +1,15 @@
-"""Colours of LiDAR points, one for a whole cloud or by what was measured, and of classes of actors; shapes of actors'
-boxes, of gizmos as the corners of triangles, and of sensors as line segments: a camera's pyramid and a LiDAR's ring.
-
-The scales of points are the same in every frame, and for recorded and simulated points, so colours can be compared.
-"""
+"""Colours of classes of actors; shapes of actors' boxes, of gizmos as the corners of triangles, and of sensors as line
+segments: a camera's pyramid and a LiDAR's ring."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.geometry import FloatArray
 from ...core.world.drive import Camera
 from ..sensors.lenses import undistorted
-
-RECORDED, SIMULATED = "recorded", "simulated"
-CLOUD_COLOURS = {RECORDED: (1.0, 0.85, 0.2), SIMULATED: (0.2, 0.8, 1.0)}
-"""Of a cloud by its kind, where all of its points have one colour. All colours here are sRGB."""
-GREY = (0.55, 0.55, 0.55)
-"""Of what is no actor, or was not measured."""
-FARTHEST_M = 80.0
-"""Depth's scale ends here."""
-TURBO = (
-    (0.13572138, 4.61539260, -42.66032258, 132.13108234, -152.94239396, 59.28637943),
-    (0.09140261, 2.19418839, 4.84296658, -14.18503333, 4.27729857, 2.82956604),
-    (0.10667330, 12.64194608, -60.58204836, 110.36276771, -89.90310912, 27.34824973),
-)
-"""Red, green, blue as polynomials, lowest power first (Mikhailov 2019)."""
-TURBO_ENDS = (0.08, 0.95)
-"""The map's ends are too dark to be seen against the view."""
-VIRIDIS = (
-    (0.229, 0.322, 0.546),
-    (0.164, 0.471, 0.558),
-    (0.128, 0.647, 0.523),
-    (0.369, 0.789, 0.383),
-    (0.993, 0.906, 0.144),
-)
-"""At even steps, without the map's dark end."""
-GOLDEN = 0.61803398875
-"""Turns between the hues of neighbouring numbers."""
-SATURATIONS, RUN = np.array([0.85, 0.4, 0.65, 0.25]), 12
-"""For a run of numbers each: hues come close again after 13, 21 and 34."""
-PointColours = NDArray[np.float32]
-
-
-def point_colours(kind: str, by: str, attributes: Mapping[str, NDArray[np.generic]], count: int) -> PointColours:
-    """Colours (N, 4) of ``count`` points of a kind, by ONE, INTENSITY, DEPTH or INSTANCE of their attributes (N,);
-    where there are no instances, by class. Points without what is asked for are grey."""
-    assert all(len(values) == count for values in attributes.values()), (
-        count,
-        {name: len(values) for name, values in attributes.items()},
-    )
-    if by == "ONE":
-        return _opaque(np.tile(CLOUD_COLOURS[kind], (count, 1)))
-    if by == "INTENSITY" and "intensity" in attributes:
-        return intensity_colours(attributes["intensity"])
-    if by == "DEPTH" and "depth" in attributes:
-        return depth_colours(attributes["depth"])
-    if by == "INSTANCE" and "instance" in attributes:
-        return number_colours(attributes["instance"])
-    if by == "INSTANCE" and "class" in attributes:
-        return number_colours(attributes["class"])
-    return _opaque(np.tile(GREY, (count, 1)))
-
-
-def intensity_colours(intensity: NDArray[np.generic]) -> PointColours:
-    """Colours (N, 4) of intensities (N,) in 0..1, blue to yellow. Most are low: the scale goes with the root."""
-    share = np.sqrt(np.clip(np.nan_to_num(intensity.astype(float)), 0, 1))
-    steps = np.linspace(0, 1, len(VIRIDIS))
-    return _opaque(np.stack([np.interp(share, steps, column) for column in np.transpose(VIRIDIS)], -1))
-
-
-def depth_colours(depth_m: NDArray[np.generic]) -> PointColours:
-    """Colours (N, 4) of depths (N,), blue at the sensor, red from `FARTHEST_M` on."""
-    share = np.clip(np.nan_to_num(depth_m.astype(float)) / FARTHEST_M, 0, 1)
-    x = TURBO_ENDS[0] + (TURBO_ENDS[1] - TURBO_ENDS[0]) * share
-    return _opaque(np.clip(np.stack([np.polyval(column[::-1], x) for column in TURBO], -1), 0, 1))
-
-
-def number_colours(numbers: NDArray[np.generic]) -> PointColours:
-    """Colours (N, 4) of whole numbers (N,), one for each; those that are not positive are nothing, and grey."""
-    hue = np.mod(numbers.astype(float) * GOLDEN, 1.0)
-    turned = np.mod(np.array([5.0, 3.0, 1.0]) + 6 * hue[:, None], 6)
-    saturation = SATURATIONS[np.maximum(numbers, 0).astype(int) // RUN % len(SATURATIONS), None]
-    rgb = 1 - saturation * np.clip(np.minimum(turned, 4 - turned), 0, 1)
-    return _opaque(np.where((numbers.astype(float) > 0)[:, None], rgb, GREY))
-
-
-def _opaque(rgb: NDArray[np.float64]) -> PointColours:
-    return np.concatenate([rgb, np.ones((len(rgb), 1))], -1).astype(np.float32)
-
 
 CAR, TRUCK, PERSON, CYCLE = (0.16, 0.45, 0.85), (0.85, 0.40, 0.10), (0.85, 0.15, 0.35), (0.55, 0.25, 0.80)
 COLOURS = {

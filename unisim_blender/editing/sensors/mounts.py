@@ -1,14 +1,12 @@
 """Sensors on the vehicle: when they look at a frame, where they are mounted, where they were when they recorded, and
-their directions as yaw (to the left) and pitch (up) in radians; beam tables, and recorded LiDAR returns."""
+their directions as yaw (to the left) and pitch (up) in radians; beam tables."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray, invert_pose
@@ -16,7 +14,6 @@ from ...core.world.drive import Camera, Drive, Lidar, LidarModel
 from ...core.world.drive_json import lidar_model_to_json
 from ..sampled.clock import Clock
 from ..sampled.scene import optical
-from ..sampled.source import DriveSource
 
 
 def recorded_mount(sensor: Camera | Lidar, drive: Drive, clock: Clock) -> FloatArray:
@@ -115,30 +112,6 @@ def sees_the_same(now: FloatArray, then: FloatArray) -> bool:
     image was recorded."""
     turned = np.linalg.norm(now[:3, :3] - then[:3, :3]) / np.sqrt(2)
     return bool(np.linalg.norm(now[:3, 3] - then[:3, 3]) <= NEAR_M and turned <= NEAR_RAD)
-
-
-@dataclass(frozen=True)
-class RecordedReturns:
-    """A LiDAR's recorded returns of a frame: points (N, 3) of the world, and attributes (N,) by name."""
-
-    lidar: str
-    points: FloatArray
-    attributes: dict[str, NDArray[np.generic]]
-
-
-def recorded_returns(source: DriveSource, frame: int) -> list[RecordedReturns]:
-    """Read the recorded returns of a frame, of every LiDAR, from the log's files; in any thread."""
-    log, returns = source.log, []
-    for name in source.drive.lidars if log is not None else ():
-        assert log is not None
-        if frame not in log.sweep_frames(name):
-            returns.append(RecordedReturns(name, np.zeros((0, 3)), {}))
-            continue
-        sweep = log.sweep(name, frame)
-        depth = np.linalg.norm(sweep.points - sweep.origins, axis=1)
-        attributes = {"intensity": sweep.intensity, "class": sweep.semantic, "depth": depth}
-        returns.append(RecordedReturns(name, sweep.points, attributes))
-    return returns
 
 
 def own_table(elevations: str, columns: int, max_range_m: float) -> LidarModel:

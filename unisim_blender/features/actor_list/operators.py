@@ -15,6 +15,7 @@ from ...editing.sampled.clock import Clock
 from ...editing.texts import translatable
 from ...translations import message
 from ..operator_bases import Needing
+from ..sidebar import switch_of
 from . import listing
 
 GROUPS = (
@@ -60,6 +61,10 @@ def choose_place(self: bpy.types.PropertyGroup, place: int) -> None:
         bpy.ops.unisim.choose_actor("EXEC_DEFAULT", True, name=objects[place].name)
 
 
+NEAR_M = 50.0
+"""The distance that the filter begins with."""
+
+
 class UniSimActorList(bpy.types.PropertyGroup):
     """The filter of the actor list and the presence timeline, and what a click does. It belongs to the session, not to
     the file: undo does not change it."""
@@ -69,9 +74,15 @@ class UniSimActorList(bpy.types.PropertyGroup):
     )
     group: EnumProperty(name="Class", description="Classes that are listed", items=GROUPS, update=changed)
     within_m: FloatProperty(
-        name="Within", description="Only actors within this distance of the ego vehicle at the current frame; 0 for any distance",
+        name="Within", description="Only actors within this distance of the ego vehicle at the current frame",
         min=0.0, soft_max=200.0, step=500, precision=0, unit="LENGTH", update=changed,
     )  # fmt: skip
+    is_near: switch_of(
+        "within_m",
+        lambda self: NEAR_M,
+        "Within",
+        "Only actors within a distance of the ego vehicle at the current frame",
+    )
     now: BoolProperty(
         name="Present Now", description="Only actors that are present at the current frame", update=changed
     )

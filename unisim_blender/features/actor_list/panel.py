@@ -97,7 +97,8 @@ class UNISIM_PT_actors(DrivePanel, bpy.types.Panel):
     """All actors of the drive, with copies and inserted ones"""
 
     bl_label = "Actors"
-    bl_order = 1
+    bl_order = 2
+    tasks = ("VIEW", "EDIT")
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -111,7 +112,12 @@ class UNISIM_PT_actors(DrivePanel, bpy.types.Panel):
         row.operator("unisim.clear_actor_filter", text="", icon="X")
         row = layout.row(align=True)
         row.prop(wanted, "group", text="")
-        row.prop(wanted, "within_m")
+        near = row.row(align=True)
+        near.prop(wanted, "is_near", text="")
+        if wanted.is_near:
+            near.prop(wanted, "within_m")
+        else:
+            near.label(text="Any Distance")
         row = layout.row(align=True)
         row.prop(wanted, "now", toggle=True)
         row.prop(wanted, "edited", toggle=True)

@@ -191,7 +191,7 @@ class UNISIM_OT_scroll_timeline(bpy.types.Operator):
     bl_label = "Scroll Presence Timeline"
     bl_options = {"INTERNAL"}
 
-    rows: bpy.props.IntProperty(name="Rows", default=WHEEL_ROWS)
+    rows: bpy.props.IntProperty(name="Rows", description="Number of rows, downwards", default=WHEEL_ROWS)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -254,7 +254,7 @@ class UNISIM_OT_replace_appearance(Needing, _Chooses, bpy.types.Operator):
         options={"SKIP_SAVE"},
     )
     group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
-    page: IntProperty(name="Page", description="Page that is shown; 0 for all at once", min=0, update=other_page)
+    page: IntProperty(name="Page", description="Page that is shown", min=0, soft_min=1, update=other_page)
     appearance: EnumProperty(name="Appearance", description="Actor whose appearance is used", items=appearances)
 
     def folder(self) -> str:
@@ -392,7 +392,7 @@ class UNISIM_OT_insert_actor(Needing, _Chooses, bpy.types.Operator):
         options={"HIDDEN", "SKIP_SAVE"},
     )
     group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
-    page: IntProperty(name="Page", description="Page that is shown; 0 for all at once", min=0, update=other_page)
+    page: IntProperty(name="Page", description="Page that is shown", min=0, soft_min=1, update=other_page)
     appearance: EnumProperty(name="Actor", description="Actor to insert", items=inserted)
     where: EnumProperty(name="Where", description="Location of the actor", items=PLACES)
 

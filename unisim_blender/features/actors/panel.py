@@ -10,13 +10,13 @@ from ...bridge.views.actors import card_of
 from ...core.errors import UnisimError
 from ...editing.actors.table import ActorCard
 from ...editing.sampled.scene import size_text
-from ...editing.texts import kmh
+from ...editing.texts import UPPER, cased, kmh
 from ...translations import interface, localized
 from ..sidebar import DrivePanel, row_of
 from . import thumbnails
 from .appearances import header_of
 
-PORTRAIT_SCALE = 5.0
+PORTRAIT_SCALE = 4.0
 """Edge of the thumbnail, in widget units."""
 
 
@@ -52,25 +52,30 @@ def log_beside(folder: Path) -> Path:
         return folder
 
 
+def card_lines(card: ActorCard) -> tuple[str, ...]:
+    """Return what the card says beside the thumbnail."""
+    present = "–"
+    if card.present_s is not None:
+        present = interface("Present {start:.1f} to {end:.1f} s", start=card.present_s[0], end=card.present_s[1])
+    distance = interface("{speed}, {distance:.1f} m away", speed=kmh(card.speed_m_s), distance=card.distance_m)
+    return card.name, card.label, localized(cased(card.role, UPPER)), card.size, distance, present
+
+
 class UNISIM_PT_actor(DrivePanel, bpy.types.Panel):
     """The active actor, and what can be done with the selected ones"""
 
     bl_label = "Actor"
     bl_order = 0
+    tasks = ("EDIT",)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the card and the operators; rows stay in place whatever is selected."""
         layout, card = self.layout, active_card(context)
-        box = layout.box()
-        box.template_icon(portrait(context) if card else thumbnails.grey(), scale=PORTRAIT_SCALE)
-        box = box.column(align=True)
-        row_of(box, "Actor", card.name if card else interface("no active actor"), "OBJECT_DATA")
-        row_of(box, "Class", f"{card.label} ({localized(card.role)})" if card else "")
-        row_of(box, "Size", card.size if card else "")
-        row_of(box, "Speed", kmh(card.speed_m_s) if card else "")
-        row_of(box, "Distance", f"{card.distance_m:.1f} m" if card else "")
-        span = card.present_s if card else None
-        row_of(box, "Present", interface("{start:.1f} to {end:.1f} s", start=span[0], end=span[1]) if span else "")
+        row = layout.box().split(factor=0.34)
+        row.template_icon(portrait(context) if card else thumbnails.grey(), scale=PORTRAIT_SCALE)
+        lines = row.column(align=True)
+        for text in card_lines(card) if card else (interface("No active actor"), *"–––––"):
+            lines.label(text=text, translate=False)
         column = layout.column(align=True)
         column.operator_menu_enum("unisim.duplicate_actor", "where", text="Duplicate", icon="DUPLICATE")
         column.operator("unisim.delete_actor", text="Delete", icon="TRASH")

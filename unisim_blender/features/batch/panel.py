@@ -8,7 +8,7 @@ import bpy
 
 from ...bridge.changes.variants import variants_of
 from ...translations import interface
-from ..sidebar import DrivePanel, draw_task, settings_column
+from ..sidebar import DrivePanel, draw_task, optional_row, settings_column, text_row
 from ..simulation.properties import driver_of
 from .operators import BatchTask, count_of
 
@@ -17,7 +17,8 @@ class UNISIM_PT_batch(DrivePanel, bpy.types.Panel):
     """Many scenarios at once, rendered or driven through"""
 
     bl_label = "Batch"
-    bl_order = 10
+    bl_order = 3
+    tasks = ("SIMULATE", "RENDER")
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -32,13 +33,15 @@ class UNISIM_PT_batch(DrivePanel, bpy.types.Panel):
         layout.operator("unisim.add_parameter", icon="ADD")
         column = settings_column(layout)
         column.prop(about, "driven")
-        if about.driven:
-            driver = driver_of(scene) or interface("none: see Simulate")
-            column.label(text=interface("Driver: {name}", name=driver), translate=False)
+        row = column.row()
+        row.active = about.driven
+        driver = driver_of(scene) or interface("none: see Simulate")
+        row.label(text=interface("Driver: {name}", name=driver), translate=False)
         column.prop(about, "executor")
-        if about.executor == "ray":
-            column.prop(about, "address")
-        column.prop(about, "jobs")
+        row = column.row()
+        row.enabled = about.executor == "ray"
+        text_row(row, "This machine", about, "address")
+        optional_row(column, "Workers", "One a core", about, "has_jobs", "jobs")
         column.prop(about, "out")
         layout.label(text=interface("Scenarios: {count}", count=count_of(scene)), translate=False, icon="COPYDOWN")
         layout.operator("unisim.submit_batch", icon="PLAY")

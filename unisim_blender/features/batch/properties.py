@@ -1,5 +1,6 @@
 """Properties of a scene's batches: folder, executor, and parameters."""
 
+import os
 from typing import Any
 
 import bpy
@@ -15,6 +16,7 @@ from bpy.props import (
 
 from ...editing.simulation.sweeps import Parameter, parsed_values
 from ..drive.properties import RELATIVE
+from ..sidebar import switch_of
 
 KINDS = (
     ("RANGE", "Range", "Numbers from the first to the last, evenly spaced"),
@@ -50,9 +52,12 @@ class UniSimBatch(bpy.types.PropertyGroup):
         options=RELATIVE,
     )
     executor: EnumProperty(name="Run on", description="Where the units of the batch are run", items=EXECUTORS)
-    address: StringProperty(name="Address", description="Ray cluster: ray://HOST:PORT; empty for this machine")
+    address: StringProperty(name="Address", description="Ray cluster: ray://HOST:PORT; this machine if empty")
     jobs: IntProperty(
-        name="Workers", description="Processes, or workers of Ray; 0 for one a core", min=0, max=1000, default=0
+        name="Workers", description="Number of processes, or of workers of Ray", min=0, soft_min=1, max=1000, default=0
+    )
+    has_jobs: switch_of(
+        "jobs", lambda self: os.cpu_count() or 1, "Set Workers", "Run this number of workers; while off, one a core"
     )
     driven: BoolProperty(
         name="Drive",

@@ -8,7 +8,7 @@ from ...bridge.objects.imported import imported_objects
 from ...editing.texts import translatable
 from ...translations import interface
 from ...viewport.compare_view import draw_options
-from ..sidebar import Sidebar, row_of
+from ..sidebar import DrivePanel, Sidebar, row_of
 
 POINTS = (
     ("None", False, False),
@@ -22,7 +22,8 @@ class UNISIM_PT_drive(Sidebar, bpy.types.Panel):
     """The drive that the scene was imported from"""
 
     bl_label = "Drive"
-    bl_order = 4
+    bl_order = 1
+    tasks = ("VIEW",)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw log, trained scene, what is there, and what is shown."""
@@ -45,21 +46,14 @@ class UNISIM_PT_drive(Sidebar, bpy.types.Panel):
             interface("Actors: {actors}, sensors: {sensors}", actors=actors, sensors=sensors),
             "OUTLINER_OB_GROUP_INSTANCE",
         )
-        if not about.scene:
-            layout.operator("unisim.import_scene", text="Import Trained Scene", icon="IMPORT")
+        layout.operator("unisim.import_scene", text="Import Trained Scene", icon="IMPORT")
 
 
-class UNISIM_PT_show(Sidebar, bpy.types.Panel):
+class UNISIM_PT_show(DrivePanel, bpy.types.Panel):
     """Parts of the drive that the view shows"""
 
     bl_label = "Show"
     bl_parent_id = "UNISIM_PT_drive"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there."""
-        return bool(context.scene.unisim.log)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw switches, and how LiDAR points are drawn; what does not apply is grey."""
@@ -75,15 +69,18 @@ class UNISIM_PT_show(Sidebar, bpy.types.Panel):
         for name, recorded, simulated in POINTS:
             now = (about.show_recorded, about.show_simulated) == (recorded, simulated)
             shown = row.operator("unisim.show_points", text=name, depress=now)
-            shown.recorded, shown.simulated = recorded, simulated
-        if context.window_manager.unisim_points:
-            layout.label(text=context.window_manager.unisim_points, translate=False, icon="INFO")
+            shown.recorded, shown.simulated, shown.drops = recorded, simulated, about.show_drops
+        layout.label(text=context.window_manager.unisim_points or "–", translate=False, icon="INFO")
         column = layout.column()
         column.enabled = about.show_recorded or about.show_simulated
         column.prop(about, "points_colour", text="Colour by")
+        switched = column.operator("unisim.show_points", text="Dropped Beams", depress=about.show_drops)
+        switched.recorded, switched.simulated = about.show_recorded, about.show_simulated
+        switched.drops = not about.show_drops
         beside = layout.column()
         beside.enabled = about.show_recorded
         beside.prop(about, "recorded_offset_m")
+        layout.operator("unisim.birds_eye", icon="VIEW_ORTHO")
 
 
 CLASSES = (UNISIM_PT_drive, UNISIM_PT_show)

@@ -13,6 +13,8 @@ from bpy.props import (
     StringProperty,
 )
 
+from ..sidebar import switch_of
+
 KINDS = (
     ("NONE", "None", "Not part of a drive"),
     ("EGO", "Ego vehicle", "Vehicle that recorded the drive"),
@@ -52,11 +54,14 @@ SEQUENCE_SENSORS = (
     ("CAMERA", "Active Camera", "Only the active camera of the scene"),
     ("SELECTED", "Selected Sensors", "The selected cameras and LiDARs"),
 )
+# a .blend file holds these by their places
 POINT_COLOURS = (
     ("ONE", "Single", "Recorded points are yellow, simulated points blue"),
-    ("INTENSITY", "Intensity", "From blue (low) to yellow (high)"),
-    ("DEPTH", "Depth", "Distance from the sensor, from blue to red (80 m)"),
-    ("INSTANCE", "Instance", "One colour per actor; recorded points are coloured by class"),
+    ("INTENSITY", "Intensity", "Intensity of each return"),
+    ("DEPTH", "Range", "Distance from the sensor"),
+    ("INSTANCE", "Instance", "Class of the actor that was hit, each actor in a shade of its own"),
+    ("RING", "Ring", "Number of the beam in the table of the LiDAR"),
+    ("DIFFERENCE", "Difference", "Recorded minus simulated range of the same beam, where both are shown"),
 )
 
 
@@ -69,7 +74,7 @@ class UniSimObject(bpy.types.PropertyGroup):
     copy is called in a scenario is derived when the scenario is read."""
 
     # .blend files keep these under their names: `home` is the original name, `look` and `look_scene` the appearance
-    kind: EnumProperty(name="Kind", items=KINDS, default="NONE")
+    kind: EnumProperty(name="Kind", description="What of a drive the object stands for", items=KINDS, default="NONE")
     uid: StringProperty(name="Id", description="Identifier in the log or the scenario")
     home: StringProperty(name="Name", description="Name of the object when it was imported; copies have another name")
     look: StringProperty(name="Appearance", description="Actor whose appearance this object has; empty for its own")
@@ -108,10 +113,10 @@ class UniSimItem(bpy.types.PropertyGroup):
 class UniSimWarning(bpy.types.PropertyGroup):
     """A finding on the object ``name``, with place and time."""
 
-    frame: IntProperty(name="Frame")
+    frame: IntProperty(name="Frame", description="Frame at which it is found")
     time_s: FloatProperty(name="Time", description="Seconds of the log", unit="TIME_ABSOLUTE")
     place: FloatVectorProperty(name="Location", description="World location of the object at that time", size=3)
-    text: StringProperty(name="Warning")
+    text: StringProperty(name="Warning", description="What is implausible")
     text_parts: StringProperty(
         options={"HIDDEN"}
     )  # so that it can be told in other languages; "" in files of earlier versions
@@ -164,10 +169,17 @@ class UniSimScene(bpy.types.PropertyGroup):
     )
     sequence_width: IntProperty(
         name="Width",
-        description="Image width of sequences in pixels; 0 for the width of each camera",
+        description="Image width of sequences in pixels",
         default=0,
         min=0,
+        soft_min=8,
         subtype="PIXEL",
+    )
+    has_sequence_width: switch_of(
+        "sequence_width",
+        lambda self: self.id_data.render.resolution_x,
+        "Set Width",
+        "Images of sequences have this width; while off, each camera has its own",
     )
     contact_shadows: BoolProperty(name="Contact shadows", description="Soft shadows under copied and inserted actors")
     show_ways: BoolProperty(
@@ -186,6 +198,7 @@ class UniSimScene(bpy.types.PropertyGroup):
     show_simulated: BoolProperty(
         name="Simulated points", description="Show simulated LiDAR points of the current frame"
     )
+    show_drops: BoolProperty(name="Dropped Beams", description="Show LiDAR beams that did not return")
     points_colour: EnumProperty(
         name="Colour", description="Attribute that colours LiDAR points", items=POINT_COLOURS, default="ONE"
     )

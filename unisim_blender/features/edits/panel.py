@@ -33,7 +33,8 @@ class UNISIM_PT_edits(DrivePanel, bpy.types.Panel):
     """Edits of the drive"""
 
     bl_label = "Edits"
-    bl_order = 3
+    bl_order = 8
+    tasks = ("EDIT",)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw a line for each edit; while they are read again, the old ones are grey."""
@@ -59,16 +60,14 @@ class UNISIM_PT_edits(DrivePanel, bpy.types.Panel):
             return
         manager = context.window_manager
         pages = -(-len(reading.lines) // PAGE)
-        page = min(manager.unisim_edits_page, pages - 1)
+        page = min(manager.unisim_edits_page, pages) - 1
         column = layout.column(align=True)
         column.enabled = reading.fresh
         for line in reading.lines[page * PAGE : (page + 1) * PAGE]:
             draw_line(column, line, room_of(context))
         if pages > 1:
             row = layout.row(align=True)
-            row.prop(
-                manager, "unisim_edits_page", text=interface("Page of {count}, from 0", count=pages), translate=False
-            )
+            row.prop(manager, "unisim_edits_page", text=interface("Page of {count}", count=pages), translate=False)
 
 
 class LineWidth(NamedTuple):

@@ -48,7 +48,11 @@ class UniSimEdits(bpy.types.PropertyGroup):
 CLASSES = (UniSimMuted, UniSimEdits)
 PROPERTIES = (
     (bpy.types.Scene, "unisim_edits", PointerProperty(type=UniSimEdits)),
-    (bpy.types.WindowManager, "unisim_edits_page", IntProperty(min=0, options={"SKIP_SAVE"})),
+    (
+        bpy.types.WindowManager,
+        "unisim_edits_page",
+        IntProperty(name="Page", description="Page of the list of edits", min=1, default=1),
+    ),
     (
         bpy.types.WindowManager,
         "unisim_compared",

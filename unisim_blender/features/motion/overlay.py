@@ -12,13 +12,12 @@ from ...core.geometry import FloatArray
 from ...editing.layout.speed_graph import HEIGHT, WIDTH, GraphShapes, curves, grip, moment, on_curve
 from ...editing.motion.kinematics import MotionComparison
 from ...registering import Drawing
-from ...translations import localized
+from ...viewport.overlays import draw_shapes
 from .properties import graph_of
 
 MARGIN = 12
 LEAST_SCALE = 0.5
 """In a view that has no room for a graph of this size, none is drawn."""
-FONT_SIZE = 11
 
 _newest: list[tuple[tuple[MotionComparison, float], GraphShapes]] = []
 """The newest curves, and the motion that they are of: they are laid out again only when that changes."""
@@ -88,26 +87,6 @@ def free_width(context: bpy.types.Context) -> float:
     region = context.region
     covers = [r.x - region.x for r in context.area.regions if r.type == "UI" and r.width > 1 and r.x > region.x]
     return float(min([region.width, *covers]))
-
-
-def draw_shapes(shapes: GraphShapes, corner: FloatArray, scale: float) -> None:
-    """Draw shapes with their lower left at a corner (2,) of the region."""
-    import blf
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
-    if shapes.corners:
-        points = np.zeros((len(shapes.corners), 3), np.float32)
-        points[:, :2] = corner + scale * np.array(shapes.corners)
-        shader = gpu.shader.from_builtin("SMOOTH_COLOR")
-        gpu.state.blend_set("ALPHA")
-        batch_for_shader(shader, "TRIS", {"pos": points, "color": np.array(shapes.colours, np.float32)}).draw(shader)
-        gpu.state.blend_set("NONE")
-    blf.size(0, FONT_SIZE * scale)
-    for text, x, y, colour in shapes.texts:
-        blf.color(0, *colour)
-        blf.position(0, corner[0] + scale * x, corner[1] + scale * y, 0)
-        blf.draw(0, localized(text))
 
 
 DRAWINGS = (Drawing(draw, "POST_PIXEL"),)

@@ -1,4 +1,4 @@
-"""Panel Output, and where quality stands beside them: Render Properties and the view's header."""
+"""Panel Output, and the quality in Render Properties."""
 
 import bpy
 
@@ -7,7 +7,7 @@ from ...editing.reading.scenario import captures_words
 from ...process.background import running
 from ...process.tasks import SequenceTask
 from ...translations import interface, localized
-from ..sidebar import DrivePanel, Sidebar, draw_task, settings_column
+from ..sidebar import DrivePanel, Sidebar, draw_task, optional_row, settings_column
 from .operators import results_of
 
 
@@ -15,12 +15,13 @@ class UNISIM_PT_output(Sidebar, bpy.types.Panel):
     """Images and sweeps of the whole drive"""
 
     bl_label = "Output"
-    bl_order = 8
+    bl_order = 1
+    tasks = ("RENDER",)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """A drive has to be there, or a task that runs for another file."""
-        return bool(context.scene.unisim.log or running)
+        return bool(context.scene.unisim.log or running) and super().poll(context)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw settings, what runs, and the export; in a file without a drive only what runs."""
@@ -31,7 +32,7 @@ class UNISIM_PT_output(Sidebar, bpy.types.Panel):
         column = settings_column(layout)
         column.prop(about, "out")
         column.prop(about, "sequence_sensors")
-        column.prop(about, "sequence_width")
+        optional_row(column, "Width", "Each camera's own", about, "has_sequence_width", "sequence_width")
         column.prop(about, "quality")
         draw_captures(layout, context.scene)
         layout.operator("unisim.render_sequence", icon="RENDER_ANIMATION")
@@ -101,11 +102,4 @@ class UNISIM_PT_render(bpy.types.Panel):
         layout.prop(context.scene.unisim, "contact_shadows")
 
 
-def draw_quality(self: bpy.types.Header, context: bpy.types.Context) -> None:
-    """Draw the quality in the header of a view that the engine draws."""
-    if context.scene.render.engine == "UNISIM" and context.space_data.shading.type == "RENDERED":
-        self.layout.prop(context.scene.unisim, "quality", text="")
-
-
 CLASSES = (UNISIM_PT_output, UNISIM_PT_passes, UNISIM_PT_render)
-MENUS = ((bpy.types.VIEW3D_HT_header, draw_quality),)

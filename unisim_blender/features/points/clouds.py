@@ -1,44 +1,65 @@
-"""LiDAR points drawn into the 3D view in colours: Blender itself shows a mesh's vertices all alike."""
+"""LiDAR points drawn into the 3D view in colours, with their legend: Blender itself shows a mesh's vertices all alike."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import bpy
+import numpy as np
+from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Vector
 
 from ...bridge.objects.imported import imported_objects
-from ...bridge.views.points import kind_of, points_of
-from ...editing.layout.shapes import RECORDED
+from ...bridge.views.points import sweep_of
+from ...editing.layout.point_colours import KINDS, PointColours, PointLegend, coloured, legend_shapes
+from ...editing.sensors.sweeps import DROPS, RECORDED, SweepPoints
 from ...registering import Drawing
+from ...translations import localized
+from ...viewport.overlays import draw_shapes
 
 SIZE, BEHIND_SIZE = 3.0, 2.0
 """Of a point, and of one behind a surface, an actor's box say, in pixels of an ordinary display."""
-Build = Callable[[bpy.types.Object, str], Any]
-_clouds: dict[tuple[str, str], tuple[tuple[str, str], Any]] = {}
-"""By scene and object: the points' stamp and what they are coloured by, and what is drawn."""
+LABEL_M, LABEL_PX = 3.0, 12
+"""Height above the vehicle of the words beside sweeps that are drawn apart, and of their letters."""
 
 
-def clouds(scene: bpy.types.Scene, build: Build) -> list[tuple[bpy.types.Object, Any]]:
-    """The scene's clouds and what is drawn of each, built only where points or colours are others than they were."""
-    by = scene.unisim.points_colour
+@dataclass
+class ShownPoints:
+    """What is drawn of a scene's points, and what it was made of: ``key``. ``batches`` are made when they are first
+    drawn."""
+
+    key: tuple[object, ...]
+    sweeps: Sequence[SweepPoints]
+    colours: Sequence[PointColours]
+    legend: PointLegend
+    batches: list[Any] = field(default_factory=list)
+
+
+_shown: dict[str, ShownPoints] = {}
+"""By scene."""
+
+
+def shown_points(scene: bpy.types.Scene) -> ShownPoints | None:
+    """Return what is drawn of a scene's points, made again only where something changed; None where there are none."""
+    for name in set(_shown) - set(bpy.data.scenes.keys()):
+        del _shown[name]
     objects = list(imported_objects(scene, "POINTS"))
-    names = {(scene.name, obj.name) for obj in objects}
-    for name in [
-        name for name in _clouds if name not in names and (name[0] == scene.name or name[0] not in bpy.data.scenes)
-    ]:
-        del _clouds[name]
-    for obj in objects:
-        name, key = (scene.name, obj.name), (obj.unisim.stamp, by)
-        if name not in _clouds or _clouds[name][0] != key:
-            _clouds[name] = key, build(obj, by)
-    return [(obj, _clouds[scene.name, obj.name][1]) for obj in objects]
+    if not objects:
+        _shown.pop(scene.name, None)
+        return None
+    key = (scene.unisim.points_colour, *((obj.name, obj.unisim.stamp) for obj in objects))
+    if scene.name not in _shown or _shown[scene.name].key != key:
+        sweeps = [sweep_of(obj) for obj in objects]
+        _shown[scene.name] = ShownPoints(key, sweeps, *coloured(sweeps, scene.unisim.points_colour))
+    return _shown[scene.name]
 
 
-def offset(scene: bpy.types.Scene, obj: bpy.types.Object) -> Vector:
-    """Return the displacement of a drawn cloud: recorded ones to the vehicle's left where the scene has them beside."""
-    aside = scene.unisim.recorded_offset_m if kind_of(obj) == RECORDED else 0.0
+def offset(scene: bpy.types.Scene, kind: str) -> Vector:
+    """Return the displacement of points of a kind: recorded ones to the vehicle's left where the scene has them
+    beside."""
+    aside = scene.unisim.recorded_offset_m if kind in (RECORDED, DROPS[RECORDED]) else 0.0
     ego = next(imported_objects(scene, "EGO"), None)
     left = ego.matrix_world.to_quaternion() @ Vector((0.0, 1.0, 0.0)) if ego is not None else Vector((0.0, 1.0, 0.0))
     return left * aside
@@ -50,13 +71,20 @@ def draw() -> None:
 
     context = bpy.context
     scene, space = context.scene, context.space_data
-    if not space.overlay.show_overlays:
+    shown = shown_points(scene) if space.overlay.show_overlays else None
+    if shown is None:
         return
-    drawn = [(offset(scene, obj), batch) for obj, batch in clouds(scene, _batch) if batch is not None]
-    if not drawn:
-        return
+    if not shown.batches:
+        shown.batches = [_batch(*points) for points in zip(shown.sweeps, shown.colours, strict=True)]
+    drops = DROPS.values() if not scene.unisim.show_drops else ()
+    drawn = [
+        (offset(scene, sweep.kind), batch)
+        for sweep, batch in zip(shown.sweeps, shown.batches, strict=True)
+        if batch is not None and sweep.kind not in drops
+    ]
     # the engine's image has no depth: over it all points are seen alike
     flat = space.shading.type == "RENDERED" and scene.render.engine == "UNISIM"
+    gpu.state.blend_set("ALPHA")
     for test, size in (("NONE", SIZE),) if flat else (("GREATER", BEHIND_SIZE), ("LESS_EQUAL", SIZE)):
         gpu.state.depth_test_set(test)
         gpu.state.depth_mask_set(test == "LESS_EQUAL")
@@ -68,6 +96,32 @@ def draw() -> None:
     gpu.state.depth_mask_set(False)
     gpu.state.depth_test_set("NONE")
     gpu.state.point_size_set(1.0)
+    gpu.state.blend_set("NONE")
+
+
+def draw_legend() -> None:
+    """Called by Blender whenever a 3D view is drawn, in the region's pixels."""
+    import blf
+
+    context = bpy.context
+    scene, region = context.scene, context.region
+    shown = shown_points(scene) if context.space_data.overlay.show_overlays else None
+    if shown is None:
+        return
+    scale = context.preferences.system.ui_scale
+    blf.size(0, LABEL_PX * scale)
+    ego = next(imported_objects(scene, "EGO"), None)
+    if scene.unisim.recorded_offset_m and ego is not None:
+        for kind in {sweep.kind for sweep in shown.sweeps} & set(KINDS):
+            place = ego.matrix_world.translation + offset(scene, kind) + Vector((0.0, 0.0, LABEL_M))
+            at = location_3d_to_region_2d(region, context.space_data.region_3d, place)
+            if at is not None:
+                blf.position(0, *at, 0)
+                blf.draw(0, localized(KINDS[kind]))
+    shapes, width, height = legend_shapes(shown.legend, lambda text: blf.dimensions(0, localized(text))[0] / scale)
+    corner = np.array([60.0, 12.0])
+    if corner[0] + width * scale < region.width and corner[1] + height * scale < region.height / 2:
+        draw_shapes(shapes, corner, scale)
 
 
 def _shader() -> Any:
@@ -79,18 +133,17 @@ def _shader() -> Any:
         return gpu.shader.from_builtin("FLAT_COLOR")
 
 
-def _batch(obj: bpy.types.Object, by: str) -> Any:
+def _batch(sweep: SweepPoints, colours: PointColours) -> Any:
     from gpu_extras.batch import batch_for_shader
 
-    points, colours = points_of(obj, by)
-    if not len(points):
+    if not len(sweep.points):
         return None
-    return batch_for_shader(_shader(), "POINTS", {"pos": points, "color": colours})
+    return batch_for_shader(_shader(), "POINTS", {"pos": sweep.points.astype(np.float32), "color": colours})
 
 
-DRAWINGS = (Drawing(draw),)
+DRAWINGS = (Drawing(draw), Drawing(draw_legend, "POST_PIXEL"))
 
 
 def unregister() -> None:
     """Forget the points."""
-    _clouds.clear()
+    _shown.clear()

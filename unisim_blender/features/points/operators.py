@@ -10,13 +10,22 @@ from bpy.app.handlers import persistent
 from ...bridge.objects.imported import source_of
 from ...bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.views.points import hide_points, put_points, put_recorded
+from ...bridge.views.points import hide_points, put_sweeps
 from ...bridge.window import drive, redraw
 from ...core.errors import UnisimError
-from ...editing.layout.shapes import RECORDED, SIMULATED
+from ...core.world.drive import Lidar
+from ...core.world.encoding import decode_sensor
 from ...editing.reading.requests import lidar_request
 from ...editing.sampled.clock import Clock
-from ...editing.sensors.mounts import RecordedReturns, recorded_returns
+from ...editing.sensors.sweeps import (
+    DROPS,
+    RECORDED,
+    SIMULATED,
+    SweepPoints,
+    recorded_sweeps,
+    same_beams,
+    simulated_sweeps,
+)
 from ...preferences import device, interpreter
 from ...process.client import Client, Request, client, progress_line
 from ...registering import add, take_away
@@ -29,10 +38,10 @@ READ_S = 0.02
 """Between two looks whether recorded points have been read."""
 reader = ThreadPoolExecutor(1, thread_name_prefix="unisim-points")
 """Reads one frame at a time."""
-reading: dict[str, Future[list[RecordedReturns]]] = {}
+reading: dict[str, Future[list[SweepPoints]]] = {}
 """Recorded points that are being read, by scene: those of the newest frame."""
-waiting: dict[tuple[str, str], tuple[Client, Request]] = {}
-"""Sweeps that were asked for, by scene and LiDAR."""
+waiting: dict[tuple[str, str], tuple[Client, Request, bool, float]] = {}
+"""Sweeps that were asked for, by scene and LiDAR: whether their beams are the recorded ones, and the frame."""
 asked: dict[tuple[str, str], dict[str, Any]] = {}
 """Values of the newest requests, by the same."""
 
@@ -40,14 +49,14 @@ asked: dict[tuple[str, str], dict[str, Any]] = {}
 def show_recorded(scene: bpy.types.Scene) -> None:
     """Show the recorded returns of the frame that is shown. In a window a thread reads them, and a timer
     shows them then."""
-    source, frame = source_of(scene), scene.frame_current
+    wanted = source_of(scene), scene.frame_current, scene.unisim.show_drops or scene.unisim.show_simulated
     if bpy.app.background:
-        put_recorded(scene, recorded_returns(source, frame))
+        put_sweeps(scene, recorded_sweeps(*wanted))
         return
     before = reading.pop(scene.name, None)
     if before is not None:
         before.cancel()
-    reading[scene.name] = reader.submit(recorded_returns, source, frame)
+    reading[scene.name] = reader.submit(recorded_sweeps, *wanted)
     if not bpy.app.timers.is_registered(show_read):
         bpy.app.timers.register(show_read, first_interval=READ_S)
 
@@ -64,7 +73,7 @@ def show_read() -> float | None:
         if scene is None or future.cancelled() or not scene.unisim.show_recorded:
             continue
         try:
-            put_recorded(scene, future.result())
+            put_sweeps(scene, future.result())
         except (UnisimError, OSError) as fault:
             bpy.context.window_manager.unisim_points = str(fault)
         redraw("VIEW_3D")
@@ -90,7 +99,9 @@ def ask_sweeps(scene: bpy.types.Scene) -> None:
         if before is not None:
             before[0].cancel(before[1])
         asked[key] = values
-        waiting[key] = worker, worker.ask("lidar", **values)
+        sensor = decode_sensor(values["sensor"])
+        same = isinstance(sensor, Lidar) and same_beams(sensor, values["time_s"], source.drive, frame_of(scene))
+        waiting[key] = worker, worker.ask("lidar", **values), same, frame_of(scene)
     if bpy.app.background:
         while waiting:
             gather()
@@ -100,7 +111,7 @@ def ask_sweeps(scene: bpy.types.Scene) -> None:
 
 def gather() -> float | None:
     """Show the sweeps that have come; as a timer of Blender's, until all have."""
-    for key, (worker, request) in list(waiting.items()):
+    for key, (worker, request, same, frame) in list(waiting.items()):
         try:
             event = request.events.get(timeout=POLL_S) if bpy.app.background else request.events.get_nowait()
         except queue.Empty:
@@ -113,8 +124,9 @@ def gather() -> float | None:
             print(f"Warning: {event['text']}")
             continue
         if event["event"] == "arrays" and scene is not None:
-            arrays = worker.arrays(event)
-            put_points(scene, key[1], SIMULATED, arrays.pop("points"), arrays)
+            put_sweeps(
+                scene, simulated_sweeps(key[1], worker.arrays(event), event["beams"], event["actors"], same, frame)
+            )
         else:
             del waiting[key]
             if event["event"] == "error":
@@ -157,7 +169,7 @@ def update(scene: bpy.types.Scene) -> None:
     """Show what the scene's switches ask for. Raises `UnisimError`."""
     for kind, wanted in ((RECORDED, scene.unisim.show_recorded), (SIMULATED, scene.unisim.show_simulated)):
         if not wanted:
-            hide_points(scene, kind)
+            hide_points(scene, (kind, DROPS[kind]))
     if scene.unisim.show_recorded:
         show_recorded(scene)
     if scene.unisim.show_simulated:
@@ -167,7 +179,7 @@ def update(scene: bpy.types.Scene) -> None:
 
 
 class UNISIM_OT_show_points(Needing, bpy.types.Operator):
-    """Show recorded LiDAR points, simulated LiDAR points, or both"""
+    """Show recorded LiDAR points, simulated LiDAR points, or both, and on request beams that did not return"""
 
     bl_idname = "unisim.show_points"
     bl_label = "Show LiDAR Points"
@@ -176,14 +188,21 @@ class UNISIM_OT_show_points(Needing, bpy.types.Operator):
 
     recorded: bpy.props.BoolProperty(name="Recorded", description="Show recorded points", default=True)
     simulated: bpy.props.BoolProperty(name="Simulated", description="Show simulated points", default=False)
+    drops: bpy.props.BoolProperty(
+        name="Dropped Beams",
+        description="Show beams that did not return, as points at 15 m: opaque where they returned in the other sweep",
+        default=False,
+    )
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Set the scene's switches and show."""
         scene = context.scene
-        scene.unisim.show_recorded, scene.unisim.show_simulated = self.recorded, self.simulated
+        about = scene.unisim
+        about.show_recorded, about.show_simulated, about.show_drops = self.recorded, self.simulated, self.drops
         asked.clear()
         update(scene)
+        redraw("VIEW_3D")
         return {"FINISHED"}
 
 

@@ -95,6 +95,7 @@ class UNISIM_MT_rig_presets(bpy.types.Menu):
     """Put a rig on the vehicle: built-in ones, which approximate public data sets, and your own"""
 
     bl_label = "Rig Presets"
+    bl_description = "Put a rig on the vehicle: built-in ones, which approximate public data sets, and your own"
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw all presets by their files' names."""
@@ -113,6 +114,7 @@ class UNISIM_MT_remove_rig(bpy.types.Menu):
     """Delete one of your own rig presets"""
 
     bl_label = "Remove Rig Preset"
+    bl_description = "Delete one of your own rig presets"
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw one's own presets."""
@@ -128,7 +130,8 @@ class UNISIM_PT_sensors(DrivePanel, bpy.types.Panel):
     """Cameras and LiDARs of the drive"""
 
     bl_label = "Sensors"
-    bl_order = 6
+    bl_order = 5
+    tasks = ("VIEW", "EDIT")
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:

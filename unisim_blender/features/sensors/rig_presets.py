@@ -52,7 +52,9 @@ class UNISIM_OT_apply_rig(Needing, bpy.types.Operator):
     needs = (object_mode, vehicle)
 
     filepath: StringProperty(name="File", subtype="FILE_PATH", options={"HIDDEN", "SKIP_SAVE"})
-    mode: EnumProperty(name="Sensors", items=MODES, options={"SKIP_SAVE"})
+    mode: EnumProperty(
+        name="Sensors", description="What becomes of the sensors on the vehicle", items=MODES, options={"SKIP_SAVE"}
+    )
     offset: FloatVectorProperty(
         name="Offset", description="All of the rig, along the vehicle: forward, left, up", subtype="XYZ_LENGTH",
         unit="LENGTH",
@@ -97,7 +99,11 @@ class UNISIM_OT_save_rig(Needing, bpy.types.Operator):
 
     name: StringProperty(name="Name", description="The file's name in the presets folder", default="My rig")
     about: StringProperty(name="About", description="Notes for users: vehicle, calibration, date")
-    overwrite: BoolProperty(name="Replace the preset of this name", options={"SKIP_SAVE"})
+    overwrite: BoolProperty(
+        name="Replace the preset of this name",
+        description="Write over a preset of your own that has this name",
+        options={"SKIP_SAVE"},
+    )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for a name."""

@@ -15,7 +15,7 @@ from ...editing.simulation import stated
 from ...editing.simulation.menus import OWN, is_remote
 from ...editing.simulation.rollouts import SCORES, ScoreRow, read_scores, score_rows
 from ...translations import interface, localized
-from ..sidebar import DrivePanel, draw_task, settings_column
+from ..sidebar import DrivePanel, draw_task, optional_row, settings_column
 from .operators import RolloutTask, active_actor
 from .properties import KINDS
 
@@ -29,8 +29,8 @@ class UNISIM_PT_simulation(DrivePanel, bpy.types.Panel):
     """A driver in the closed loop"""
 
     bl_label = "Simulate"
-    bl_order = 9
-    bl_options = {"DEFAULT_CLOSED"}
+    bl_order = 1
+    tasks = ("SIMULATE",)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the settings, what runs, and what can be done with a rollout."""
@@ -38,19 +38,12 @@ class UNISIM_PT_simulation(DrivePanel, bpy.types.Panel):
         about = scene.unisim_simulation
         column = settings_column(layout)
         column.prop(about, "choice")
-        if about.choice == OWN:
-            column.prop(about, "function")
-        if is_remote(about.choice):
-            column.prop(about, "address")
-        for heading, switch, value in (
-            (interface("Start at"), "starts", "start_s"),
-            (interface("Duration"), "ends", "duration_s"),
-        ):
-            row = column.row(align=True, heading=heading)
-            row.prop(about, switch, text="")
-            part = row.row(align=True)
-            part.enabled = getattr(about, switch)
-            part.prop(about, value, text="")
+        remote = is_remote(about.choice)
+        row = column.row()
+        row.enabled = remote or about.choice == OWN
+        row.prop(about, "address" if remote else "function")
+        optional_row(column, "Start at", "The first frame", about, "starts", "start_s")
+        optional_row(column, "Duration", "To the last frame", about, "ends", "duration_s")
         column.prop(about, "step_s")
         column.prop(about, "delay_s")
         column.prop(about, "seed")
@@ -61,7 +54,7 @@ class UNISIM_PT_simulation(DrivePanel, bpy.types.Panel):
         column.prop(about, "renderer")
         column.prop(scene.unisim, "quality")
         column.prop(scene.unisim, "sequence_sensors")
-        column.prop(scene.unisim, "sequence_width")
+        optional_row(column, "Width", "Each camera's own", scene.unisim, "has_sequence_width", "sequence_width")
         column.prop(about, "out")
         column = layout.column(align=True)
         column.operator("unisim.simulate", icon="PLAY")
@@ -91,23 +84,12 @@ class UNISIM_PT_simulated_actors(DrivePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the model of all others, that of the active actor, and the actors that have one of their own."""
+        """Draw the model of all others, the actors that have one of their own, and last what depends on the selection."""
         layout, scene = self.layout, context.scene
         others = scene.unisim_simulation.others
         column = settings_column(layout)
         column.prop(others, "kind_of_others")
         draw_parameters(column, others)
-        obj = context.active_object
-        box = layout.box()
-        if not active_actor(context)[0]:
-            box.label(text="No active actor", icon="OBJECT_DATA")
-        else:
-            box.label(text=obj.name, translate=False, icon="OBJECT_DATA")
-            column = settings_column(box)
-            column.prop(obj.unisim_model, "kind")
-            if obj.unisim_model.document:
-                draw_parameters(column, obj.unisim_model)
-        box.operator("unisim.same_model", icon="COPYDOWN")
         actors = modelled(scene)
         column = layout.column(align=True)
         for actor in actors[:MOST]:
@@ -120,6 +102,16 @@ class UNISIM_PT_simulated_actors(DrivePanel, bpy.types.Panel):
             row.operator("unisim.forget_model", text="", icon="X").name = actor.name
         if len(actors) > MOST:
             column.label(text=interface("And {count} more", count=len(actors) - MOST), translate=False)
+        obj, box = context.active_object, layout.box()
+        box.operator("unisim.same_model", icon="COPYDOWN")
+        if not active_actor(context)[0]:
+            box.label(text="No active actor", icon="OBJECT_DATA")
+            return
+        box.label(text=obj.name, translate=False, icon="OBJECT_DATA")
+        column = settings_column(box)
+        column.prop(obj.unisim_model, "kind")
+        if obj.unisim_model.document:
+            draw_parameters(column, obj.unisim_model)
 
 
 def draw_parameters(column: bpy.types.UILayout, model: bpy.types.PropertyGroup) -> None:
@@ -139,21 +131,21 @@ class UNISIM_PT_scores(DrivePanel, bpy.types.Panel):
     bl_parent_id = "UNISIM_PT_simulation"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the rollout's name, its scores, and the button that opens it."""
+        """Draw the button that opens the rollout, what is drawn of it, its name and its scores."""
         layout, scene = self.layout, context.scene
         about = scene.unisim_simulation
         folder = Path(bpy.path.abspath(about.scored)) if about.scored else None
+        column = settings_column(layout)
+        column.operator("unisim.open_rollout", icon="IMPORT").directory = str(folder or "")
+        shown = column.column()
+        shown.enabled = bool(about.rollout)
+        shown.prop(about, "show_plans")
+        shown.prop(about, "show_ghost")
         if folder is None:
             layout.label(text="No rollout yet", icon="BLANK1")
         else:
             layout.label(text=folder.name, translate=False, icon="FILE_FOLDER")
             draw_scores(layout, rows_of(scene, folder))
-        column = layout.column(align=True)
-        column.operator("unisim.open_rollout", icon="IMPORT").directory = str(folder or "")
-        if about.rollout:
-            column = settings_column(layout)
-            column.prop(about, "show_plans")
-            column.prop(about, "show_ghost")
 
 
 def draw_scores(layout: bpy.types.UILayout, rows: list[ScoreRow] | None) -> None:
@@ -187,4 +179,4 @@ def rows_of(scene: bpy.types.Scene, folder: Path) -> list[ScoreRow] | None:
     return None if known[1] is None else score_rows(known[1], actor_names(scene))
 
 
-CLASSES = (UNISIM_PT_simulation, UNISIM_PT_random_starts, UNISIM_PT_simulated_actors, UNISIM_PT_scores)
+CLASSES = (UNISIM_PT_simulation, UNISIM_PT_random_starts, UNISIM_PT_scores, UNISIM_PT_simulated_actors)

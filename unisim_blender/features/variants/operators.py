@@ -107,7 +107,7 @@ class _Named(Needing):
 
     needs = (object_mode, drive)
 
-    name: StringProperty(name="Name", options={"SKIP_SAVE"})
+    name: StringProperty(name="Name", description="Name of the variant", options={"SKIP_SAVE"})
 
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for the name."""

@@ -24,7 +24,8 @@ class UNISIM_PT_variants(DrivePanel, bpy.types.Panel):
     """Scenarios of this drive in this file"""
 
     bl_label = "Variants"
-    bl_order = 2
+    bl_order = 4
+    tasks = ("EDIT", "RENDER")
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:

@@ -17,6 +17,7 @@ from ..motion.maneuvers import (
     SLOWER_M_S2,
     Course,
     Maneuver,
+    Quintic,
     ease,
     ego_course,
     ego_front_m,
@@ -24,7 +25,6 @@ from ..motion.maneuvers import (
     joined,
     needed_m,
     own_course,
-    quintic,
     throughout,
     too_late,
 )
@@ -82,7 +82,10 @@ class CutIn(Maneuver):
         own, times = own_course(actor, self.at_s, place), frame_times(context, self.at_s)
         here = actor.world_from_actor.at(self.at_s)[:3, 3]
         gone, left, up = ego.nearest(here)
-        (_, (course_heading,)), (_, (heading,)) = own.beside(own.gone([self.at_s])), ego.beside(np.array([gone]))
+        (_, (course_heading,)), (_, (heading,)) = (
+            own.beside(own.gone(np.array([self.at_s]))),
+            ego.beside(np.array([gone])),
+        )
         turned = (course_heading - heading + np.pi) % (2 * np.pi) - np.pi
         front = gone - float(ego.gone(self.at_s)) - ahead
         where = (
@@ -97,10 +100,10 @@ class CutIn(Maneuver):
             too_late(place, f'the cut-in of "{actor.uid}"', self.duration_s or 1.5, left_s)
         for span in spans:
             end = self.at_s + span
-            curve = quintic(start, (self._target(ego, end, ahead), self._speed(ego, end), 0.0), span)
+            curve = Quintic(start, (self._target(ego, end, ahead), self._speed(ego, end), 0.0), span)
             at = np.linspace(0, span, 41)
-            speeds, changes = curve.deriv()(at), curve.deriv(2)(at)
-            length = float(curve(span)) - gone
+            speeds, changes = curve.at(at, 1), curve.at(at, 2)
+            length = float(curve.at(span)) - gone
             comfortable = self.duration_s or length >= needed_m(left, float(speeds.max()))
             if comfortable and speeds.min() >= 0 and -SLOWER_M_S2 <= changes.min() and changes.max() <= FASTER_M_S2:
                 break
@@ -108,11 +111,11 @@ class CutIn(Maneuver):
             gap = f"{self.gap_s:g} s" if self.gap_s else f"{self.gap_m:g} m"
             fail(place, f"{where}: it cannot be {gap} ahead within {spans[-1]:.1f} s; give another time, gap or a side")
         after = self._target(ego, end, ahead) + self._since(ego, end, times)
-        along = np.where(times < end, curve(np.minimum(times, end) - self.at_s), after)
-        aside = quintic((left, float(np.tan(turned)), 0.0), (0.0, 0.0, 0.0), length)
+        along = np.where(times < end, curve.at(np.minimum(times, end) - self.at_s), after)
+        aside = Quintic((left, float(np.tan(turned)), 0.0), (0.0, 0.0, 0.0), length)
         inside = np.clip(along - gone, 0.0, length)
-        places, headings = ego.beside(along, np.where(along - gone < length, aside(inside), 0.0))
-        slope = np.where(along - gone < length, aside.deriv()(inside), 0.0)
+        places, headings = ego.beside(along, np.where(along - gone < length, aside.at(inside), 0.0))
+        slope = np.where(along - gone < length, aside.at(inside, 1), 0.0)
         return joined(actor, self.at_s, times, places + [0.0, 0.0, up], headings + np.arctan(slope))
 
     def _from_lane(self, actor: Actor, ego: Course, ahead: float, place: str, context: EditContext) -> Trajectory:

@@ -51,18 +51,24 @@ def ease(share: FloatArray) -> FloatArray:
     return np.asarray(u**3 * (10 - 15 * u + 6 * u**2))
 
 
-def quintic(
-    start: tuple[float, float, float], end: tuple[float, float, float], length: float
-) -> np.polynomial.Polynomial:
-    """Return the polynomial on 0 to ``length`` with values, slopes and second derivatives at its ends."""
-    (x0, v0, a0), (x1, v1, a1), t = start, end, length
-    x, v, a = x1 - x0 - v0 * t - a0 * t**2 / 2, v1 - v0 - a0 * t, a1 - a0
-    high = [
-        (10 * x - 4 * v * t + a * t**2 / 2) / t**3,
-        (-15 * x + 7 * v * t - a * t**2) / t**4,
-        (6 * x - 3 * v * t + a * t**2 / 2) / t**5,
-    ]
-    return np.polynomial.Polynomial([x0, v0, a0 / 2, *high])
+@dataclass(frozen=True)
+class Quintic:
+    """The polynomial on 0 to ``length`` with a value, a slope and a second derivative at each end."""
+
+    start: tuple[float, float, float]
+    end: tuple[float, float, float]
+    length: float
+
+    def at(self, places: FloatArray | float, order: int = 0) -> FloatArray:
+        """Return its values (...) at places (...), or those of a derivative."""
+        (x0, v0, a0), (x1, v1, a1), t = self.start, self.end, self.length
+        x, v, a = x1 - x0 - v0 * t - a0 * t**2 / 2, v1 - v0 - a0 * t, a1 - a0
+        cubic = (10 * x - 4 * v * t + a * t**2 / 2) / t**3
+        quartic, last = (-15 * x + 7 * v * t - a * t**2) / t**4, (6 * x - 3 * v * t + a * t**2 / 2) / t**5
+        factors = np.array([x0, v0, a0 / 2, cubic, quartic, last])
+        for _ in range(order):
+            factors = factors[1:] * np.arange(1, len(factors))
+        return np.asarray(np.asarray(places, float)[..., None] ** np.arange(len(factors)) @ factors)
 
 
 def smoothed(values: FloatArray, deviation: float) -> FloatArray:

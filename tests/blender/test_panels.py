@@ -1,0 +1,93 @@
+"""The sidebar's tasks and panels, switches of numbers, and descriptions of all that people can press."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import bpy
+import pytest
+
+from unisim_blender.features import sidebar
+
+ROOT = Path(__file__).parents[2]
+WITHOUT_TASK = {"UNISIM_PT_tasks"}
+"""Panels that every task has."""
+
+
+def panels() -> list[Any]:
+    """Return the sidebar's panels that are no part of another one."""
+    every = [getattr(bpy.types, name) for name in dir(bpy.types) if name.startswith("UNISIM_PT_")]
+    return [
+        panel
+        for panel in every
+        if panel.bl_space_type == "VIEW_3D" and panel.bl_region_type == "UI" and not getattr(panel, "bl_parent_id", "")
+    ]
+
+
+def test_each_panel_belongs_to_a_task(street: Any) -> None:
+    names = {item[0] for item in sidebar.TASKS}
+    assert all(set(panel.tasks) <= names for panel in panels())
+    assert {panel.__name__ for panel in panels() if not panel.tasks} == WITHOUT_TASK
+    manager, shown = bpy.context.window_manager, {}
+    for task in names:
+        manager.unisim_panels = task
+        shown[task] = {panel.__name__ for panel in panels() if panel.poll(bpy.context)}
+    assert all("UNISIM_PT_tasks" in there and 3 <= len(there) <= 9 for there in shown.values()), shown
+    assert set.union(*shown.values()) == {panel.__name__ for panel in panels()}
+    assert "UNISIM_PT_actor" not in shown["RENDER"] and "UNISIM_PT_output" not in shown["EDIT"]
+    manager.property_unset("unisim_panels")
+
+
+def test_without_a_drive_there_are_no_tasks(scene: Any) -> None:
+    for task, *_ in sidebar.TASKS:
+        bpy.context.window_manager.unisim_panels = task
+        assert [panel.__name__ for panel in panels() if panel.poll(bpy.context)] == ["UNISIM_PT_drive"]
+    bpy.context.window_manager.property_unset("unisim_panels")
+
+
+@pytest.mark.parametrize(
+    ("group", "switch", "member", "first"),
+    [
+        (lambda: bpy.context.scene.unisim, "has_sequence_width", "sequence_width", 1600),
+        (lambda: bpy.context.scene.unisim_batch, "has_jobs", "jobs", None),
+        (lambda: bpy.context.window_manager.unisim_actors, "is_near", "within_m", 50.0),
+    ],
+)
+def test_a_number_that_files_have_as_zero_is_a_switch(
+    scene: Any, group: Any, switch: str, member: str, first: float | None
+) -> None:
+    scene.render.resolution_x = 1600
+    setattr(group(), member, 0)
+    assert not getattr(group(), switch)
+    setattr(group(), switch, True)
+    value = getattr(group(), member)
+    assert value == first if first is not None else value >= 1
+    setattr(group(), member, 7)  # as in a file of an earlier version
+    assert getattr(group(), switch)
+    setattr(group(), switch, True)
+    assert getattr(group(), member) == 7
+    setattr(group(), switch, False)
+    assert getattr(group(), member) == 0
+
+
+def test_all_that_can_be_pressed_is_described(addon: Any) -> None:
+    spec = importlib.util.spec_from_file_location("translations_tool", ROOT / "tools" / "translations.py")
+    assert spec is not None and spec.loader is not None
+    tool = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(tool)
+    bare = []
+    for kind in ("Operator", "PropertyGroup", "AddonPreferences", "Menu"):
+        for cls in tool.ours(kind):
+            rna = cls.bl_rna
+            if kind == "Operator":
+                rna = getattr(bpy.ops.unisim, cls.bl_idname.partition(".")[2]).get_rna_type()
+            if kind in ("Operator", "Menu") and not (rna.description if kind == "Operator" else cls.bl_description):
+                bare.append(cls.__name__)
+            named = {name for base in cls.__mro__ for name in base.__dict__.get("__annotations__", {})}
+            for name, prop in rna.properties.items():
+                if name in named and not prop.is_hidden and prop.type not in ("POINTER", "COLLECTION"):
+                    if prop.name != name and not prop.description:  # without a name, no layout has it
+                        bare.append(f"{cls.__name__}.{name}")
+    assert not bare, sorted(bare)
