@@ -27,6 +27,7 @@ from ...core.scenario.edits.row import clear, standing
 from ...core.scenario.motion.keys import Present
 from ...core.scenario.motion.paths import arc_lengths_of, is_path
 from ...core.world.drive import Actor
+from ..motion.keys import dense
 from ..edits.lines import EditLine, joined, line_of, path_phrases, unmoved
 from ..edits.reader import (
     ACTORS,
@@ -243,10 +244,10 @@ def near(a: FloatArray, b: FloatArray) -> BoolArray:
     return np.asarray((away < NEAR_M) & (np.abs((a - b)[:, :3, :3]).max((1, 2)) < NEAR_RAD))
 
 
-def _apart(actor: Actor, obj: SampledObject, clock: Clock) -> FloatArray:
-    """Return how far along an actor's axes an object mostly is from it (3,), in metres."""
+def _apart(actor: Actor, obj: SampledObject, clock: Clock, there: BoolArray) -> FloatArray:
+    """Return how far along an actor's axes an object mostly is from it (3,) at some frames (N,), in metres."""
     base = actor.world_from_actor.at(clock.times_s)
-    return np.asarray(np.median((invert_pose(base) @ obj.poses)[obj.there, :3, 3], axis=0))
+    return np.asarray(np.median((invert_pose(base) @ obj.poses)[there, :3, 3], axis=0))
 
 
 def shift_of(context: ActorEditContext) -> Move | None:
@@ -256,14 +257,19 @@ def shift_of(context: ActorEditContext) -> Move | None:
     moves = actor.is_moving and is_path(actor.world_from_actor.positions)
     if not moves or obj.appearance or obj.scale_lift_m or obj.span is None or not obj.there.any():
         return None
-    later_s = float(clock.time_s(np.array(obj.span[0]))) - float(actor.world_from_actor.times_s[0])
+    recorded = actor.world_from_actor
+    later_s = float(clock.time_s(np.array(obj.span[0])) - dense(recorded, clock).times_s[0])
     later_s = round(later_s, LATER_DIGITS) if abs(later_s) > SAME_LATER_S else 0.0
-    there, drive = obj.there, context.reading.drive
+    # beyond its keys a trajectory goes on as its last ones do, and Blender's are others
+    keyed = (clock.times_s >= recorded.times_s[0] + later_s) & (clock.times_s <= recorded.times_s[-1] + later_s)
+    there, drive = obj.there & keyed, context.reading.drive
+    if not there.any():
+        return None
     path, base = actor.world_from_actor.positions, actor.world_from_actor.at(clock.times_s - later_s)
     gone = arc_lengths_of(path, obj.poses[there, :3, 3]) - arc_lengths_of(path, base[there, :3, 3])
-    by = _apart(shifted(actor, None, later_s, float(np.median(gone)), drive), obj, clock)
+    by = _apart(shifted(actor, None, later_s, float(np.median(gone)), drive), obj, clock, there)
     for ahead_m in (0.0, round(float(np.median(gone) + by[0]), AHEAD_DIGITS)):
-        by = _apart(shifted(actor, None, later_s, ahead_m, drive), obj, clock)
+        by = _apart(shifted(actor, None, later_s, ahead_m, drive), obj, clock, there)
         offset = vector(np.round(by, OFFSET_DIGITS) + 0.0) if np.abs(by).max() > SAME_M else (0.0, 0.0, 0.0)
         after = shifted(actor, offset, later_s, ahead_m, drive)
         agree = near if later_s or ahead_m else same
@@ -275,7 +281,7 @@ def shift_of(context: ActorEditContext) -> Move | None:
         return None
     start, end = drive.window(after)
     then = (clock.times_s >= start) & (clock.times_s <= end)
-    shown = None if (then == there).all() else present(clock, there) or Present()
+    shown = None if (then == obj.there).all() else present(clock, obj.there) or Present()
     return Move(actor.uid, offset, later_s or None, ahead_m or None, present=shown)
 
 
