@@ -57,6 +57,7 @@ SESSIONS = {
     "rigs": ["--enable-event-simulate"],
     "compare": ["--enable-event-simulate"],
     "layouts": ["--enable-event-simulate"],
+    "first_image": ["--enable-event-simulate"],
 }
 """What each file's Blender is started with besides; the one with simulated events hears no others."""
 CI_SESSIONS = ("person", "displaced", "panel", "points", "window", "hands")

@@ -7,7 +7,7 @@ from ..features.actors import operators as actors
 from ..features.batch import operators as batch
 from ..features.drive import export_operators, import_operators
 from ..features.edits import operators as edits
-from ..features.motion import drag, rows
+from ..features.motion import drag, maneuvers, rows
 from ..features.motion import operators as motion
 from ..features.motion import properties as motion_properties
 from ..features.output import operators as output
@@ -17,7 +17,7 @@ from ..features.sensors import operators as sensors
 from ..features.sensors import rig_presets
 from ..features.simulation import operators as simulation
 from ..features.variants import operators as variants
-from ..process import background, interpreters
+from ..process import background, interpreters, preparation
 
 MODULES = (
     motion_properties,
@@ -28,6 +28,7 @@ MODULES = (
     edits,
     appearances,
     motion,
+    maneuvers,
     sensors,
     drag,
     rows,
@@ -35,6 +36,7 @@ MODULES = (
     points,
     birds_eye,
     background,
+    preparation,
     output,
     simulation,
     batch,

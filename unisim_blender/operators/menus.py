@@ -36,6 +36,7 @@ class UNISIM_MT_object(bpy.types.Menu):
         layout.operator("unisim.delete_actor")
         layout.operator("unisim.replace_appearance")
         layout.operator_menu_enum("unisim.swap_class", "group")
+        layout.operator_menu_enum("unisim.maneuver", "kind")
         layout.operator_menu_enum("unisim.retime_actor", "mode")
         layout.operator("unisim.shift_actor")
         layout.operator("unisim.follow_curve")
@@ -60,6 +61,14 @@ def draw_object_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """A line in the 3D view's Object menu."""
     if context.scene.unisim.log:
         self.layout.menu("UNISIM_MT_object")
+
+
+def draw_context_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """Draw lines at the top of the 3D view's context menu."""
+    if context.scene.unisim.log:
+        self.layout.operator_menu_enum("unisim.maneuver", "kind")
+        self.layout.menu("UNISIM_MT_object")
+        self.layout.separator()
 
 
 def draw_add_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
@@ -120,6 +129,7 @@ RENDER = Slot("unisim.render_sequence", "Render Sequence", "RENDER_ANIMATION")
 DELETE = Slot("unisim.delete_actor", "Delete", "TRASH")
 SNAP = Slot("unisim.snap_to_ground", "Snap to Ground", "SNAP_FACE")
 ADD_CAMERA = Slot("unisim.add_camera", "Add Camera", "CAMERA_DATA")
+MANEUVER = Slot("wm.call_menu_pie", "Maneuver", "CON_FOLLOWPATH", {"name": "UNISIM_MT_maneuver_pie"})
 ADD_LIDAR = Slot("unisim.add_lidar", "Add LiDAR", "CONE")
 MARK = Slot("unisim.mark_static", "Mark Static Item", "ADD")
 
@@ -130,7 +140,7 @@ SLOTS: dict[str, tuple[Slot | None, ...]] = {
         Slot("unisim.retime_actor", "Retime", "TIME"),
         Slot("unisim.shift_actor", "Shift", "ARROW_LEFTRIGHT"),
         Slot("unisim.replace_appearance", "Replace Appearance", "FILE_REFRESH"),
-        SNAP,
+        MANEUVER,
         CHECK,
         RENDER,
     ),
@@ -139,7 +149,7 @@ SLOTS: dict[str, tuple[Slot | None, ...]] = {
         ADD_LIDAR,
         Slot("unisim.import_scene", "Import Trained Scene", "IMPORT"),
         Slot("unisim.shift_ego", "Shift Lane", "ARROW_LEFTRIGHT"),
-        None,
+        MANEUVER,
         Slot("unisim.export_scenario", "Export Scenario", "EXPORT"),
         CHECK,
         RENDER,
@@ -180,7 +190,7 @@ SLOTS: dict[str, tuple[Slot | None, ...]] = {
         MARK,
         Slot("unisim.shift_ego", "Shift Ego Lane", "ARROW_LEFTRIGHT"),
         ADD_CAMERA,
-        ADD_LIDAR,
+        MANEUVER,
         CHECK,
         RENDER,
     ),
@@ -220,7 +230,19 @@ class UNISIM_MT_pie(bpy.types.Menu):
                 setattr(button, name, value)
 
 
-CLASSES = (UNISIM_MT_object, UNISIM_MT_pie)
+class UNISIM_MT_maneuver_pie(bpy.types.Menu):
+    """Maneuvers of the active actor, or of a new one"""
+
+    bl_label = "Maneuver"
+    bl_description = "Maneuvers of the active actor, or of a new one"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw a slot for each."""
+        pie = self.layout.menu_pie()
+        pie.operator_enum("unisim.maneuver", "kind")
+
+
+CLASSES = (UNISIM_MT_object, UNISIM_MT_pie, UNISIM_MT_maneuver_pie)
 HANDLERS = (("load_post", note_cameras), ("depsgraph_update_post", follow_camera))
 
 
@@ -228,6 +250,7 @@ def register() -> None:
     """Add menus and shortcuts."""
     add(CLASSES)
     bpy.types.VIEW3D_MT_object.append(draw_object_menu)
+    bpy.types.VIEW3D_MT_object_context_menu.prepend(draw_context_menu)
     bpy.types.VIEW3D_MT_add.append(draw_add_menu)
     bpy.types.TOPBAR_MT_render.append(draw_render_menu)
     configuration = bpy.context.window_manager.keyconfigs.addon
@@ -249,5 +272,6 @@ def unregister() -> None:
         keys.keymap_items.remove(item)
     bpy.types.TOPBAR_MT_render.remove(draw_render_menu)
     bpy.types.VIEW3D_MT_add.remove(draw_add_menu)
+    bpy.types.VIEW3D_MT_object_context_menu.remove(draw_context_menu)
     bpy.types.VIEW3D_MT_object.remove(draw_object_menu)
     take_away(CLASSES)

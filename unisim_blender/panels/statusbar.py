@@ -1,18 +1,28 @@
-"""Progress of the background task in the status bar."""
+"""Progress of the background task, and of preparing images, in the status bar."""
 
 from pathlib import Path
 
 import bpy
 
 from ..process.background import running
-from ..translations import interface, message
+from ..process.preparation import PREPARATION
+from ..translations import interface, localized, message
 
 WIDTH = 24.0
 """In units of the interface: whose task it is, a sentence and its bar."""
 
 
 def draw_progress(self: bpy.types.Header, context: bpy.types.Context) -> None:
-    """Draw what runs in the background, for which file, how far it is, and its Cancel button."""
+    """Draw what runs in the background, for which file, how far it is, and how far images are prepared, each with its
+    Cancel button."""
+    if PREPARATION.active or PREPARATION.stopped or PREPARATION.problem:
+        row = self.layout.row(align=True)
+        row.ui_units_x = WIDTH
+        row.progress(factor=PREPARATION.fraction, text=localized(PREPARATION.text))
+        if PREPARATION.active:
+            row.operator("unisim.stop_preparation", text="", icon="CANCEL")
+        else:
+            row.operator("unisim.resume_preparation", text="", icon="PLAY")
     if not running or not running[0].line:
         return
     task = running[0]

@@ -11,6 +11,7 @@ import bpy
 
 from ..bridge.window import areas
 from ..editing.texts import Text
+from ..process.preparation import PREPARATION
 from ..registering import Drawing, add, take_away
 from ..translations import localized
 from .comparison import FLICKER_S, IMAGES, difference_of
@@ -21,6 +22,9 @@ GRAB_PX = 8
 TEXT_PX, GAP_PX = 13, 8
 LINE, TEXT, SHADE, HATCH = (1.0, 1.0, 1.0, 0.9), (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.55), (1.0, 0.15, 0.15, 1.0)
 RECORDED, RENDERED = Text("recorded"), Text("rendered")
+STANDS_IN, PRELIMINARY = Text("Recorded image, not rendered"), Text("Preliminary image")
+BAR, BAR_PX = (0.3, 0.6, 1.0, 1.0), (320, 6)
+"""Colour, and width and height, of progress bars."""
 UNSUPPORTED = Text("Unsupported: nothing recorded shows this")
 
 
@@ -63,13 +67,15 @@ def draw() -> None:
     if mode == "FLICKER" and not bpy.app.timers.is_registered(_turn):
         bpy.app.timers.register(_turn, first_interval=FLICKER_S)
     at_y = low + GAP_PX * scale
+    if view.stands_in or view.preliminary:
+        at_y = _preparation(view, (left + right) / 2, at_y, scale)
     if mode == "SPLIT":
         x = line_at(context.region, options.split) or 0.0
         _rectangle(x - scale, low, x + scale, top, LINE)
         _rectangle(x - 4 * scale, (low + top) / 2 - 20 * scale, x + 4 * scale, (low + top) / 2 + 20 * scale, LINE)
         _label(RECORDED, x - GAP_PX * scale, at_y, scale, from_right=True)
         _label(RENDERED, x + GAP_PX * scale, at_y, scale)
-    elif mode != "RENDERED":
+    elif mode != "RENDERED" and not view.stands_in:
         shown = {"FLICKER": RECORDED if view.comparison.turn else RENDERED, "RECORDED": RECORDED}
         text = shown.get(mode) or view.comparison.metrics or difference_of(options.gain)
         _label(text, (left + right) / 2, at_y, scale, centred=True)
@@ -78,6 +84,23 @@ def draw() -> None:
     if options.unsupported and mode in ("RENDERED", "SPLIT", "FLICKER"):
         labelled = mode != "RENDERED" or options.mode != "RENDERED"
         _legend((left + right) / 2, at_y + (2 * TEXT_PX * scale if labelled else 0.0), scale)
+
+
+def _preparation(view: Any, x: float, y: float, scale: float) -> float:
+    """Draw what stands in for the finished image, and how far that is, with the middle at x; return where it ends."""
+    recorded = view.stands_in and not view.comparison.lacks
+    line = TEXT_PX * scale + 2 * GAP_PX * scale
+    if PREPARATION.active or PREPARATION.stopped or PREPARATION.problem:
+        half, height = BAR_PX[0] * scale / 2, BAR_PX[1] * scale
+        _rectangle(x - half, y, x + half, y + height, SHADE)
+        _rectangle(x - half, y, x - half + 2 * half * PREPARATION.fraction, y + height, BAR)
+        y += height + GAP_PX * scale
+        _label(PREPARATION.text, x, y, scale, centred=True)
+        y += line
+    if recorded or view.preliminary:
+        _label(STANDS_IN if recorded else PRELIMINARY, x, y, scale, centred=True)
+        y += line
+    return y
 
 
 def _legend(x: float, y: float, scale: float) -> None:

@@ -50,6 +50,8 @@ class ViewComparison:
         """Why the view has no recorded image."""
         self.metrics = ""
         """Errors of the rendered image, as a sentence, where the difference is shown."""
+        self.stands_in = False
+        """Whether the recorded image stands in for the rendered one, which is being prepared."""
         self.turn = False
         """Whether the recorded image was drawn last, where images flicker."""
         self._request: RecordedImageRequest | None = None
@@ -60,7 +62,7 @@ class ViewComparison:
     @property
     def mode(self) -> str:
         """The mode that is shown, of `MODES`: a view without a recorded image shows the rendered one."""
-        return "RENDERED" if self.lacks else self.options.mode
+        return "RENDERED" if self.lacks else "RECORDED" if self.stands_in else self.options.mode
 
     @property
     def waits(self) -> bool:
@@ -75,7 +77,7 @@ class ViewComparison:
     @property
     def needs_render(self) -> bool:
         """Whether the rendered image is shown at all."""
-        return self.mode != "RECORDED"
+        return bool(self.lacks) or self.options.mode != "RECORDED"
 
     @property
     def sentence(self) -> str:
@@ -92,10 +94,12 @@ class ViewComparison:
         scenario: dict[str, Any],
         model: CameraModel,
         frame: float,
+        untrained: bool,
     ) -> None:
-        """Find the recorded image of what a view looks at: ``model`` is the view's camera model, at its size."""
+        """Find the recorded image of what a view looks at: ``model`` is the view's camera model, at its size. An
+        ``untrained`` drive may need it in place of the rendered one."""
         self.options, self.lacks, request = options, "", None
-        if options.mode == "RENDERED":
+        if options.mode == "RENDERED" and not untrained:
             self._request = self._shown = None
             for name in ("recorded", "difference"):
                 self._textures.pop(name, None)
@@ -108,15 +112,16 @@ class ViewComparison:
                 self.lacks = Text("{camera} looks beside its recorded images", camera=view.name)
             elif source.log is not None:
                 request = RecordedImageRequest(source.log, view.uid, int(frame), lies)
-                there = IMAGES.get(request)
-                self.lacks = there.problem if there is not None else ""
-                fetch_next(request)
+                if options.mode != "RENDERED":
+                    there = IMAGES.get(request)
+                    self.lacks = there.problem if there is not None else ""
+                    fetch_next(request)
         if request is None or self._request is None or request.key != self._request.key:
             self._request, self._shown = request, None
 
     def gather(self) -> None:
         """Take in the recorded image, if it has come."""
-        if self._request is not None and self._shown is None:
+        if self.mode != "RENDERED" and self._request is not None and self._shown is None:
             self._shown = IMAGES.get(self._request)
         if self._shown is not None and self._shown.problem:
             self.lacks = self._shown.problem

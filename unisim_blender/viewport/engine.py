@@ -21,6 +21,7 @@ from ..editing.images.views import marked_outside, outside_drive
 from ..editing.reading.requests import camera_request
 from ..preferences import device, interpreter
 from ..process.client import Client, Request, client, progress_line
+from ..process.preparation import PREPARATION
 from ..translations import interface, localized
 
 CANCEL_POLL_S = 0.05
@@ -117,6 +118,7 @@ class UniSimEngine(bpy.types.RenderEngine):
         viewport = sys.modules.get(f"{__package__}.views")
         for shown in list(viewport.VIEWS) if viewport is not None else ():
             shown.make_way()
+        PREPARATION.stopped = False  # the image needs it
         render, source = scene.render, source_of(scene)
         if scene.camera is None:
             raise UnisimError(f'scene "{scene.name}": has no camera')

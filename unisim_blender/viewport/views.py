@@ -28,6 +28,7 @@ from ..editing.sampled.clock import Clock
 from ..editing.sampled.scene import SampledObject
 from ..preferences import device, interpreter
 from ..process.client import Client, Request, client, progress_line
+from ..process.preparation import PREPARATION
 from ..translations import interface, localized
 from .comparison import ViewComparison
 from .options import options_of
@@ -70,6 +71,14 @@ class ViewportImage:
     """Whether a render job goes first."""
     fresh: bool = False
     """Whether nothing was drawn yet of what was asked for last."""
+    preliminary: bool = False
+    """Whether the image that is there is of preliminary surfels."""
+    prepared: int = 0
+    """Number of finished preparations when it was asked for."""
+    log: str = ""
+    """The log of a drive without a trained scene, whose surfels have to be prepared."""
+    waits_for_surfels: bool = False
+    """Whether these are prepared before anything can be drawn."""
     srgb: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 0, 3), np.uint8))
     """The image in eight bits."""
     unsupported: NDArray[np.bool_] | None = None
@@ -116,6 +125,18 @@ class ViewportImage:
         if self.request is not None and self.worker is not None:
             self.worker.cancel(self.request)
         self.request, self.progress, self.warning = None, "", ""
+        self._wait_for_surfels(None)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether nothing is rendered, because the user stopped the preparation."""
+        return bool(self.log) and PREPARATION.is_stopped(self.log)
+
+    def _wait_for_surfels(self, share: float | None) -> None:
+        """Take the share done of a first image's surfels; None where they are not waited for."""
+        if self.waits_for_surfels or share is not None:
+            PREPARATION.follow(self.log, share)
+        self.waits_for_surfels = share is not None
 
     def follow(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
         """Ask for the image of what is looked at now, unless it was asked for already, or a render job runs."""
@@ -138,6 +159,8 @@ class ViewportImage:
             options.unsupported,
             options.clip,
             self.comparison.lacks,
+            PREPARATION.finished,
+            self.stopped,
         )
         if key == self.key:
             return
@@ -147,14 +170,15 @@ class ViewportImage:
             if values is None:
                 self.key = None  # once that is known, the view is drawn again
                 return
-            if not self.comparison.needs_render:
+            if self.stopped or not self.comparison.needs_render:
                 self.drop()
-                self.wanted, self.problem = None, ""
+                self.wanted, self.problem, self.preliminary, self.fresh = None, "", False, True
                 self.linear = np.zeros((0, 0, 4), np.float32)  # it may be another frame's by the time it is wanted
                 return
             values = self._with_passes(values)
             # much that Blender calls a change, a selection say, shows nowhere
-            if values != self.wanted or self.problem:
+            refined = self.preliminary and self.prepared != PREPARATION.finished
+            if values != self.wanted or self.problem or refined:
                 self.gather()
                 self._ask(values)
             self.problem = ""
@@ -188,8 +212,11 @@ class ViewportImage:
             view = onlooker(context, len(clock.frames))
         aspect = scene.render.pixel_aspect_y / scene.render.pixel_aspect_x
         asked = camera_request(sampled, view, source, frame, self.rectangle[2:], aspect)
+        self.log = asked.values["log"] if asked.values["scene"] is None else ""
         options = options_of(context.space_data)
-        self.comparison.follow(options, source, view, scenario_to_json(asked.scenario), asked.model, frame)
+        self.comparison.follow(
+            options, source, view, scenario_to_json(asked.scenario), asked.model, frame, self.log != ""
+        )
         clip = options.clip and through is None
         passes = ["rgb", "unsupported"] if clip or options.unsupported else ["rgb"]
         set_up = {"quality": scene.unisim.quality, "shadows": scene.unisim.contact_shadows, "device": device()}
@@ -208,7 +235,9 @@ class ViewportImage:
         worker = client(interpreter())
         if self.worker is not worker:
             self.job = None
-        self.wanted, self.worker = values, worker
+        # a preliminary image that is there is better than a coarse one
+        coarse = () if self.preliminary and not self.fresh and values == self.wanted else COARSE_STRIDES
+        self.wanted, self.worker, self.prepared = values, worker, PREPARATION.finished
         if self.linear.shape[:2] != (height, width):
             self.linear = np.zeros((height, width, 4), np.float32)
             self.srgb = np.zeros((height, width, 3), np.uint8)
@@ -221,7 +250,8 @@ class ViewportImage:
             "camera",
             prepare=partial(view_part, size=(height, width), clip=values["clip"]),
             **values,
-            coarse=COARSE_STRIDES,
+            coarse=coarse,
+            preliminary=True,
             update={"job": self.job, "unfinished": self.unfinished},
         )
         self.fresh = True
@@ -235,19 +265,28 @@ class ViewportImage:
             except queue.Empty:
                 return
             if event["event"] == "progress":
-                self.progress = progress_line(event)
+                if event.get("pauses"):
+                    self._wait_for_surfels(event["share"])
+                else:
+                    self.progress = progress_line(event)
                 continue
             if event["event"] == "warning":
                 self.warning = event["text"]
                 continue
             self.progress = ""
+            self._wait_for_surfels(None)
             if event["event"] == "regions":
-                self.job, self.unfinished = self.request.number, [tuple(region) for region in event["regions"]]
+                self.preliminary = event["preliminary"]
+                self.job = None if self.preliminary else self.request.number  # never a part of a finished image
+                self.unfinished = [tuple(region) for region in event["regions"]]
             elif event["event"] == "arrays":
                 self._put(event["prepared"])
             else:
                 self.problem = event.get("text", "")
                 self.request = None
+                if self.preliminary and not self.problem:
+                    PREPARATION.follow(self.log, None)
+                    PREPARATION.begin(self.worker)
 
     def _put(self, part: ViewPart) -> None:
         if part.bottom is not None:  # bands of a region come from the top
@@ -266,8 +305,9 @@ class ViewportImage:
         gpu.state.blend_set("ALPHA_PREMULT")
         engine.bind_display_space_shader(scene)
         size = region.width, region.height
-        finished = not self.pending and not self.problem
+        finished = not self.pending and not self.problem and not self.preliminary
         stale = self.pending and self.fresh
+        self.comparison.stands_in = self.stands_in
         with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
             gpu.matrix.load_identity()
             gpu.matrix.load_projection_matrix(exact_pixels(*gpu.state.viewport_get()[2:]))
@@ -277,11 +317,18 @@ class ViewportImage:
         gpu.state.blend_set("NONE")
 
     @property
+    def stands_in(self) -> bool:
+        """Whether there is nothing yet of what is looked at, so that the recorded image is shown."""
+        first = self.pending and self.fresh and (self.waits_for_surfels or not self.srgb.any())
+        return bool(self.log) and not self.problem and (self.stopped or first)
+
+    @property
     def sentence(self) -> str:
         """State of the view, in one line."""
         if self.problem:
             return self.problem
-        work = self.progress or (interface("Rendering") if self.pending else self.warning)
+        waits = localized(PREPARATION.text) if self.waits_for_surfels else ""
+        work = waits or self.progress or (interface("Rendering") if self.pending else self.warning)
         clipped = interface("Clipped to what was observed") if self.wanted is not None and self.wanted["clip"] else ""
         parts = (localized(self.comparison.sentence), localized(self.outside), work, clipped)
         return ". ".join(part for part in parts if part)

@@ -17,8 +17,9 @@ from ...core.scenario.edits import CopyStatic, RemoveStatic, Row
 from ...core.scenario.edits.ego_body import DEFAULT_LABEL, EgoBody
 from ...core.scenario.motion.placement import pose_of
 from ...core.scenario.sensors.document import CameraSpec, LidarSpec
-from ...core.scenario.types import FrameRange, Scenario
+from ...core.scenario.types import FRAME_FORMATS, FrameRange, Scenario
 from ...core.world.drive import Actor, Camera, Drive, Lidar
+from ...editing.edits.maneuvers import ManeuverNote
 from ...editing.reading.scenario import names_captures, span_s, stated_text
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import optical
@@ -81,6 +82,7 @@ def _apply_settings(target: Target) -> None:
         scene.unisim.stated_range = (scene.frame_start, scene.frame_end, scene.frame_step)
     if outputs is not None:
         scene.unisim.passes = set(outputs.passes or ()) - {"rgb"}
+        scene.unisim.formats = set(outputs.formats or FRAME_FORMATS)
         scene.unisim.quality = outputs.quality or "balanced"
         scene.unisim.contact_shadows = bool(outputs.contact_shadows)
 
@@ -153,6 +155,7 @@ def _risen(now: Actor, before: Actor) -> float:
 def _apply(target: Target, obj: bpy.types.Object, actor: Actor, own_appearance: str | None) -> None:
     for carrier in CARRIERS.values():
         carrier.apply(obj, Edited(actor, target.edited, own_appearance, target.clock))
+    obj.unisim.maneuvers = str(ManeuverNote.of_edits(target.scenario.edits, actor.uid) or "")
 
 
 def apply_sensors(target: Target) -> None:

@@ -21,7 +21,7 @@ from ...editing.sampled.scene import CHANGING, Sampled, SampledObject, Scaling, 
 from ...editing.sampled.source import DriveSource
 from ..objects.animation import keys_hide, scale_changes
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects, look_scene_of, sees_body, title_of
-from ..objects.meshes import extent_of, mesh_model_of
+from ..objects.meshes import extent_of, mesh_model_of, size_of
 from ..objects.sensors import camera_model_of
 from ..objects.trajectories import span_of
 
@@ -103,6 +103,10 @@ def described(
         sees_body=sees_body(obj),
         span=span_of(obj),
         row=about.row,
+        maneuvers=about.maneuvers,
+        size_m=tuple(size_of(obj).tolist())
+        if about.kind == "ACTOR" and (about.maneuvers or not about.mesh)
+        else (0.0, 0.0, 0.0),
     )
 
 

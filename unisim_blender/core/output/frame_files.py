@@ -28,6 +28,7 @@ from ..files import partial_file, write_file
 from ..formats.rendered import camera_path, labels_path, lidar_path
 from ..geometry import FloatArray, Trajectory, invert_pose, quaternion_from_matrix, transform_points
 from ..json_file import json_bytes
+from ..scenario.types import FRAME_FORMATS
 from ..sensors.frames import CameraFrame, LidarFrame
 from ..sensors.lidar import column_azimuths
 from ..world.captures import Capture, Moment
@@ -92,9 +93,6 @@ def write_exr(path: Path, frame: CameraFrame, metadata: dict[str, Any]) -> None:
         OpenEXR.File(header, exr_channels(frame)).write(str(temporary))
 
 
-FORMATS = ("png", "exr", "ply", "npz", "labels")
-"""Formats that a frame is written in by default."""
-
 POINT_FIELDS = np.dtype(
     [
         ("x", "<f4"),
@@ -113,7 +111,12 @@ of ``instances``)."""
 
 
 def write_camera(
-    out: Path, name: str, capture: Capture, time_s: float, image: CameraFrame, formats: Collection[str] = FORMATS
+    out: Path,
+    name: str,
+    capture: Capture,
+    time_s: float,
+    image: CameraFrame,
+    formats: Collection[str] = tuple(FRAME_FORMATS),
 ) -> list[Path]:
     """Write PNG (sRGB as it is) and EXR (linear, all passes), where asked for; the files' paths.
     Raises `OutputError`."""
@@ -128,7 +131,12 @@ def write_camera(
 
 
 def write_lidar(
-    out: Path, name: str, capture: Capture, time_s: float, sweep: LidarFrame, formats: Collection[str] = FORMATS
+    out: Path,
+    name: str,
+    capture: Capture,
+    time_s: float,
+    sweep: LidarFrame,
+    formats: Collection[str] = tuple(FRAME_FORMATS),
 ) -> list[Path]:
     """Write the sweep's returns as PLY and NPZ, where asked for; the files' paths. Raises `OutputError`."""
     points, paths = sweep_points(sweep), []

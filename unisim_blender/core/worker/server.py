@@ -28,7 +28,7 @@ from ..render.changes import RenderedState, changed_regions, joined_where_cheape
 from ..render.lattice import Region
 from ..render.observed_space import ObservedSpace, Observing, cache_space, cached_space, observe_space
 from ..render.renderer import Renderer
-from ..render.tracers.surfels.build import Step
+from ..render.tracers.surfels.build import Step, preliminary_surfels
 from ..render.tracers.surfels.cache import surfels_of
 from ..render.tracers.surfels.model import SurfelScene
 from ..render.visibility import seen_by
@@ -47,6 +47,8 @@ PREVIEWED = 0.1
 """A smaller part of an image has no previews."""
 RENDERED_BY = ("sensor", "time_s", "log", "scene", "quality", "device", "shadows", "clip", "passes")
 """Members of a request that an image depends on beside its state. Scenes of actors are members of the state."""
+PRELIMINARY_REACH_S = 0.25
+"""Time, seconds, about that of preliminary surfels in which they are rendered."""
 MOST_RENDERED = 16
 """Number of images whose states are remembered: several views' last ones."""
 
@@ -60,8 +62,11 @@ class Jobs:
         self.scenes, self.loaded = OpenScenes(), Loaded()
         self.log: Log | None = None
         self.surfels: SurfelScene | None = None
+        self.preliminary: tuple[float, SurfelScene] | None = None
+        """Surfels for first images, and the time, seconds, near which they were recorded."""
         self.spaces: dict[Scene, ObservedSpace] = {}
         self.build: Iterator[Step | SurfelScene] | None = None
+        self.first_build: tuple[float, Iterator[Step | SurfelScene]] | None = None
         self.rendered: dict[int, RenderedState] = {}
         """By requests' numbers, the inputs of images that were updated, oldest first."""
         self.numbers = itertools.count()
@@ -81,6 +86,8 @@ class Jobs:
           the image of request ``job``. What can differ from it is rendered; all of the image, if ``job`` is None. The
           first event is then ``regions``: those that are rendered.
         - ``coarse``: strides of low-resolution previews, which small regions have not.
+        - ``preliminary``: where the log's surfels are not built, render those nearest to the time alone. The event
+          ``regions`` has ``preliminary`` then.
         - ``clip``: show only what the recording observed (`observed_space`). Other pixels are ``unsupported``, and
           their colours mean nothing.
 
@@ -93,13 +100,15 @@ class Jobs:
             raise EncodingError(f"an image is asked for of LiDAR {camera.sensor_id!r}")
         renderer = yield from self._renderer(request)
         state, time_s = _seen_state(request, renderer, camera)
+        preliminary = self.surfels is None and request.get("scene") is None
         passes, model = tuple(request.get("passes", ("rgb",))), camera.model
         first, last = request.get("rows") or (0, model.height)
         left, right = request.get("columns") or (0, model.width)
         regions = [Region(left, first, right, last)]
         if "update" in request:
-            regions = self._regions_to_update(request, renderer, state, camera)
-            yield {"event": "regions", "regions": regions}
+            if not preliminary:
+                regions = self._regions_to_update(request, renderer, state, camera)
+            yield {"event": "regions", "regions": regions, "preliminary": preliminary}
         area = sum(region.area for region in regions)
         coarse = request.get("coarse", ()) if area >= PREVIEWED * model.width * model.height else ()
         for region in regions:
@@ -166,7 +175,9 @@ class Jobs:
                 space = yield from self._space(backend, scene)
                 return Renderer(backend.within(space, clip), shadows, backend)
         else:
-            log, surfels = yield from self._surfels(Path(_text(request, "log")))
+            log = self._log(request)
+            first = request.get("preliminary") and self.surfels is None
+            surfels = yield from self._first_surfels(request, log) if first else self._surfels(log)
             backend = UNTRAINED_DEFAULT.backend(surfels, log, quality=quality)
         return Renderer(backend, shadows)
 
@@ -187,26 +198,60 @@ class Jobs:
             self.spaces = {scene: space}
         return self.spaces[scene]
 
-    def _surfels(self, path: Path) -> Generator[WorkerMessage, None, tuple[Log, SurfelScene]]:
+    def prepare(self, request: WorkerMessage) -> Iterator[WorkerMessage]:
+        """Build the surfels of a request's log; yields events of progress."""
+        yield from self._surfels(self._log(request))
+
+    def _log(self, request: WorkerMessage) -> Log:
+        """Return a request's log. Its surfels are there if they are cached on disk."""
+        path = Path(_text(request, "log"))
+        if self.log is None or self.log.path != path:
+            log = open_log(path)
+            build = surfels_of(log, UNTRAINED_DEFAULT.settings)
+            first = next(build)
+            self.log, self.surfels, self.build = log, None, build
+            self.preliminary = self.first_build = None
+            if isinstance(first, SurfelScene):
+                self.surfels, self.build = first, None
+        return self.log
+
+    def _surfels(self, log: Log) -> Generator[WorkerMessage, None, SurfelScene]:
         """Return a log's surfels; yields events of progress while they are built. If the request is cancelled, the next
         one continues the build."""
-        if self.log is None or self.log.path != path:
-            self.log, self.surfels, self.build = open_log(path), None, None
         if self.surfels is None:
             if self.build is None:
-                self.build = surfels_of(self.log, UNTRAINED_DEFAULT.settings)
+                self.build = surfels_of(log, UNTRAINED_DEFAULT.settings)
             try:
                 for step in self.build:
                     if isinstance(step, SurfelScene):
-                        self.surfels = step
+                        self.surfels, self.preliminary, self.first_build = step, None, None
                     else:
-                        yield {"event": "progress", "text": step.text, "share": step.share}
+                        yield _progress(step)
             finally:
                 # a failed build starts again; a cancelled one continues
                 if self.surfels is not None or getattr(self.build, "gi_frame", None) is None:
                     self.build = None
         assert self.surfels is not None
-        return self.log, self.surfels
+        return self.surfels
+
+    def _first_surfels(self, request: WorkerMessage, log: Log) -> Generator[WorkerMessage, None, SurfelScene]:
+        """Return the preliminary surfels of a request's time, as `_surfels` does."""
+        time_s = _time(request)
+        if self.preliminary is None or abs(self.preliminary[0] - time_s) > PRELIMINARY_REACH_S:
+            if self.first_build is None or abs(self.first_build[0] - time_s) > PRELIMINARY_REACH_S:
+                self.first_build = time_s, preliminary_surfels(log, UNTRAINED_DEFAULT.settings, time_s)
+            time_s, steps = self.first_build
+            try:
+                for step in steps:
+                    if isinstance(step, SurfelScene):
+                        self.preliminary = time_s, step
+                    else:
+                        yield _progress(step)
+            finally:
+                if getattr(steps, "gi_frame", None) is None:
+                    self.first_build = None
+        assert self.preliminary is not None
+        return self.preliminary[1]
 
     def _leave(self, arrays: dict[str, NDArray[Any]], **more: Any) -> WorkerMessage:
         """Write arrays into one file; return the event that says where in it each of them lies."""
@@ -220,14 +265,25 @@ class Jobs:
         return {"event": "arrays", "file": path.name, "arrays": places, **more}
 
 
+def _progress(step: Step) -> WorkerMessage:
+    """Return a build's step as an event, after which other requests may go first: any request continues the build."""
+    return {"event": "progress", "text": step.text, "share": step.share, "pauses": True}
+
+
 def _seen_state(request: WorkerMessage, renderer: Renderer, sensor: Camera | Lidar) -> tuple[WorldState, float]:
     """Return the state that a request's capture can depend on, and its time in seconds. Raises `UnisimError`."""
-    state, time_s = decode_state(_text(request, "state")), request.get("time_s")
-    if not isinstance(time_s, int | float) or not state.start_s <= time_s <= state.end_s:
+    state, time_s = decode_state(_text(request, "state")), _time(request)
+    if not state.start_s <= time_s <= state.end_s:
         raise UnisimError(
             f"the request's time, {time_s}, is not within its state, {state.start_s:g} to {state.end_s:g} s"
         )
-    return state if renderer.backend.sees_all else seen_by(state, sensor, renderer.reach), float(time_s)
+    return state if renderer.backend.sees_all else seen_by(state, sensor, renderer.reach), time_s
+
+
+def _time(request: WorkerMessage) -> float:
+    if not isinstance(time_s := request.get("time_s"), int | float):
+        raise UnisimError(f"the request's time, {time_s}, is no number")
+    return float(time_s)
 
 
 def _text(request: WorkerMessage, name: str) -> str:
@@ -245,11 +301,12 @@ def _arrays(image: CameraFrame) -> dict[str, NDArray[Any]]:
 def all_jobs(folder: Path) -> dict[str, WorkerJob]:
     """Return the jobs by their names in requests."""
     jobs = Jobs(folder)
-    return {"about": jobs.about, "camera": jobs.camera, "lidar": jobs.lidar}
+    return {"about": jobs.about, "camera": jobs.camera, "lidar": jobs.lidar, "prepare": jobs.prepare}
 
 
 class Server:
-    """Runs requests in the order in which they arrive. ``jobs`` are the jobs by their names in requests."""
+    """Runs requests in the order in which they arrive; one that ``pauses`` goes behind those that have arrived since.
+    ``jobs`` are the jobs by their names in requests."""
 
     def __init__(self, requests: BinaryIO, events: BinaryIO, jobs: dict[str, WorkerJob]) -> None:
         self.requests, self.events, self.jobs = requests, events, jobs
@@ -274,7 +331,7 @@ class Server:
         os._exit(0)
 
     def _do(self, request: WorkerMessage) -> None:
-        number, name = number_of(request, "id"), str(request.get("do"))
+        number, name, paused = number_of(request, "id"), str(request.get("do")), False
         try:
             if name not in self.jobs:
                 raise UnisimError(f"the worker knows no {short(name)}: it is of another version than the extension")
@@ -283,6 +340,9 @@ class Server:
                     self._tell(number, event)
                     if number in self.cancelled:
                         break
+                    if paused := bool(event.get("pauses")) and not self.waiting.empty():
+                        self.waiting.put(request)
+                        return
             self._tell(number, {"event": "cancelled" if number in self.cancelled else "done"})
         except UnisimError as fault:
             self._tell(number, {"event": "error", "text": str(fault)})
@@ -293,7 +353,8 @@ class Server:
             traceback.print_exc(file=sys.stderr)
             self._tell(number, {"event": "error", "text": missing or f"{type(fault).__name__}: {in_a_line(fault)}"})
         finally:
-            self.cancelled.discard(number)
+            if not paused:
+                self.cancelled.discard(number)
 
     def _tell(self, number: int, event: WorkerMessage) -> None:
         write_message(self.events, {"id": number, **event})

@@ -25,10 +25,11 @@ from ...core.scenario.edits import Duplicate, Insert, InsertMesh, Move, Remove, 
 from ...core.scenario.edits.move import shifted
 from ...core.scenario.edits.row import clear, standing
 from ...core.scenario.motion.keys import Present
+from ...core.scenario.motion.maneuvers import Maneuver
 from ...core.scenario.motion.paths import arc_lengths_of, is_path
 from ...core.world.drive import Actor
-from ..motion.keys import dense
 from ..edits.lines import EditLine, joined, line_of, path_phrases, unmoved
+from ..edits.maneuvers import PLACED, noted
 from ..edits.reader import (
     ACTORS,
     NEW_ACTORS,
@@ -41,22 +42,23 @@ from ..edits.reader import (
 )
 from ..edits.trajectories import present, vector
 from ..sampled.clock import Clock, recorded_poses
-from ..sampled.scene import SAME_M, UNIT, SampledObject, differ, refusal, same, same_turn, scale_text
+from ..sampled.scene import SAME_M, UNIT, SampledObject, differ, near, refusal, same, same_turn, scale_text
 from ..texts import LOWER, Text, cased
 
 LATER_DIGITS, OFFSET_DIGITS, AHEAD_DIGITS = 4, 5, 2
 """Of a shift's seconds and metres: Blender's float32 keys tell no more."""
 SAME_LATER_S = 1e-3
-NEAR_M, NEAR_RAD = 2e-3, 1e-3
 
 
 class ReadEdit(NamedTuple):
-    """An edit, its reader, and the object that it was read off. ``has_line``: whether it has a line of its own."""
+    """An edit, its reader, and the object that it was read off. ``has_line``: whether it has a line of its own.
+    ``maneuvers`` come after it, and are told in its place."""
 
     edit: Edit
     reader: ActorReader[Any] | NewActorReader[Any]
     context: ActorEditContext
     has_line: bool = True
+    maneuvers: tuple[Maneuver, ...] = ()
 
 
 @register
@@ -73,15 +75,16 @@ class Actors(GroupReader):
         standing = {obj.name for _, members in rows for obj in members}
         by_id = {uid: [obj for obj in objects if obj.name not in standing] for uid, objects in _by_id(reading).items()}
         for uid in sorted(reading.drive.actors):
-            yield from (item.edit for item in _read_edits(reading, uid, by_id.pop(uid, [])))
+            yield from _before_maneuvers(reading, _read_edits(reading, uid, by_id.pop(uid, [])))
         for uid, objects in by_id.items():
-            yield from (item.edit for item in _read_edits(reading, uid, objects))
+            yield from _before_maneuvers(reading, _read_edits(reading, uid, objects))
         yield from (row for row, _ in rows)
 
     def lines(self, reading: ReadContext, uid: str) -> Iterator[EditLine]:
         """The edits of one id."""
-        for item in _read_edits(reading, uid, _by_id(reading).get(uid, [])):
-            line = item.reader.line(item.edit, item.context) if item.has_line else None
+        for item in read_edits(reading, uid):
+            has_line = item.has_line and not item.maneuvers
+            line = item.reader.line(item.edit, item.context) if has_line else None
             if line is not None:
                 yield line
 
@@ -96,6 +99,14 @@ class Actors(GroupReader):
                 for item in _read_edits(reading, uid, by_id.get(uid, []))
             )
         }
+
+
+def _before_maneuvers(reading: ReadContext, items: Iterable[ReadEdit]) -> Iterator[Edit]:
+    """Yield the edits; maneuvers go to ``reading``, as they come after all others of actors and of the ego vehicle."""
+    for item in items:
+        reading.maneuvers.extend(item.maneuvers)
+        if not isinstance(item.edit, Maneuver):
+            yield item.edit
 
 
 def _by_id(reading: ReadContext) -> dict[str, list[SampledObject]]:
@@ -135,18 +146,34 @@ def _rows(reading: ReadContext) -> Iterator[tuple[Row, list[SampledObject]]]:
             yield row, members
 
 
+def read_edits(reading: ReadContext, uid: str) -> Iterator[ReadEdit]:
+    """Yield the edits of one id."""
+    return _read_edits(reading, uid, _by_id(reading).get(uid, []))
+
+
 def _read_edits(reading: ReadContext, uid: str, objects: list[SampledObject]) -> Iterator[ReadEdit]:
     """The edits of one id. Copies are told beside the recorded actor: they come before what became of that."""
     actor = reading.drive.actors.get(uid)
     own = None if actor is None else original(objects, actor, reading.clock)
     for obj in objects:
         if obj is not own and obj.there.any():
-            yield from _new(ActorEditContext(reading, obj, actor))
+            yield from _with_maneuvers(list(_new(ActorEditContext(reading, obj, actor))))
     if actor is not None:
         context = ActorEditContext(reading, own, actor)
-        for reader in ACTORS:
-            if reader.of_absent == context.is_gone and (edit := reader.read(context)) is not None:
-                yield ReadEdit(edit, reader, context)
+        read = ((reader, reader.read(context)) for reader in ACTORS if reader.of_absent == context.is_gone)
+        yield from _with_maneuvers([ReadEdit(edit, reader, context) for reader, edit in read if edit is not None])
+
+
+def _with_maneuvers(items: list[ReadEdit]) -> Iterator[ReadEdit]:
+    """Yield the edits of an object; where it notes maneuvers that lead where it goes, its path as it was before them, and
+    they."""
+    placed = next((item for item in items if isinstance(item.edit, PLACED)), None)
+    edit, maneuvers = noted(placed.context, placed.edit) if placed is not None else (None, ())
+    for item in items:
+        if item is placed and maneuvers:
+            yield item._replace(edit=edit or maneuvers[-1], maneuvers=tuple(maneuvers))
+        else:
+            yield item
 
 
 def _new(context: ActorEditContext) -> Iterator[ReadEdit]:
@@ -237,13 +264,6 @@ class MoveReader(ActorReader[Move]):
         return line_of("ACTOR", edit.actor, "MOVE", words or Text("Moved"), context.names, differs, context.clock, edit)
 
 
-def near(a: FloatArray, b: FloatArray) -> BoolArray:
-    """Return which poses (N, 4, 4) agree as far as keys that were delayed do, where the log's frames are not quite evenly
-    spaced: (N,) bool."""
-    away = np.linalg.norm((a - b)[:, :3, 3], axis=-1)
-    return np.asarray((away < NEAR_M) & (np.abs((a - b)[:, :3, :3]).max((1, 2)) < NEAR_RAD))
-
-
 def _apart(actor: Actor, obj: SampledObject, clock: Clock, there: BoolArray) -> FloatArray:
     """Return how far along an actor's axes an object mostly is from it (3,) at some frames (N,), in metres."""
     base = actor.world_from_actor.at(clock.times_s)
@@ -258,7 +278,9 @@ def shift_of(context: ActorEditContext) -> Move | None:
     if not moves or obj.appearance or obj.scale_lift_m or obj.span is None or not obj.there.any():
         return None
     recorded = actor.world_from_actor
-    later_s = float(clock.time_s(np.array(obj.span[0])) - dense(recorded, clock).times_s[0])
+    begins_s, first_s = float(clock.time_s(np.array(obj.span[0]))), float(recorded.times_s[0])
+    # imported trajectories may have keys from the drive's first frame on
+    later_s = min(begins_s - first_s, begins_s - min(first_s, *context.reading.drive.time_s.values()), key=abs)
     later_s = round(later_s, LATER_DIGITS) if abs(later_s) > SAME_LATER_S else 0.0
     # beyond its keys a trajectory goes on as its last ones do, and Blender's are others
     keyed = (clock.times_s >= recorded.times_s[0] + later_s) & (clock.times_s <= recorded.times_s[-1] + later_s)

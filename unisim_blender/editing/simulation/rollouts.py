@@ -6,8 +6,9 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -274,6 +275,111 @@ def score_rows(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[Scor
     unseen = _member(scores, "unsupported").get("mean_share")
     add(translatable("Unsupported"), None if unseen is None else f"{100 * unseen:.0f} %", bool(unseen and unseen > 0.2))
     return rows
+
+
+class ScoreColumn(NamedTuple):
+    """A column of a list of rollouts: its title, what the score means, where it is in `read_scores`, how a value is
+    written, and whether more is better."""
+
+    title: str
+    about: str
+    member: str
+    key: str
+    form: str
+    rises: bool
+
+
+COLUMNS = (
+    ScoreColumn(
+        translatable("Collisions"), translatable("Actors that the vehicle touches, whoever is at fault; fewer are better"),
+        "collision", "count", "{:.0f}", False,
+    ),
+    ScoreColumn(
+        translatable("Least TTC"),
+        translatable("Least time to collision in seconds, if both keep velocity and heading; longer is better"),
+        "time_to_collision", "minimum_s", "{:.1f} s", True,
+    ),
+    ScoreColumn(
+        "PDMS", translatable("NAVSIM's score of no collision at fault, progress, time to collision and comfort, 0 to 1; "
+                             "higher is better"),
+        "pdms", "score", "{:.2f}", True,
+    ),
+    ScoreColumn(
+        "HD-score", translatable("HUGSIM's score of the driver's plans, times progress, 0 to 1; higher is better"),
+        "hd_score", "score", "{:.2f}", True,
+    ),
+    ScoreColumn(
+        translatable("NCAP stars"),
+        translatable("NeuroNCAP's stars, 0 to 5: 5 without a collision, fewer the faster it is; more are better"),
+        "ncap", "stars", "{:.1f}", True,
+    ),
+    ScoreColumn(
+        translatable("Progress"),
+        translatable("Distance along the recorded path as a fraction of the recorded vehicle's; higher is better"),
+        "progress", "share", "{:.0%}", True,
+    ),
+    ScoreColumn(
+        translatable("Off the log"),
+        translatable("Greatest distance to the side of the recorded path, in metres; less is better"),
+        "deviation", "across_max_m", "{:.1f} m", False,
+    ),
+    ScoreColumn(
+        translatable("Unsupported"),
+        translatable("Fraction of the driver's pixels that no recorded data supports; less is better"),
+        "unsupported", "mean_share", "{:.0%}", False,
+    ),
+)  # fmt: skip
+
+
+class ListedRollout(NamedTuple):
+    """A rollout in a list: its folder, its driver, how it ended, and its values in `COLUMNS`, None where it has none."""
+
+    folder: Path
+    driver: str
+    end: str
+    values: tuple[float | None, ...]
+
+
+def listed_rollouts(folders: Iterable[Path]) -> list[ListedRollout]:
+    """Return the rollouts among some folders; those that were not scored have no values."""
+    return [_listed(folder, rollout_state(folder)) for folder in folders if (folder / STEPS).is_file()]
+
+
+@lru_cache(maxsize=1000)  # a list asks at every redraw
+def _listed(folder: Path, state: str) -> ListedRollout:
+    try:
+        scores = read_scores(folder)
+    except UnisimError:
+        end = Text("Stopped after {count} steps", count=count_steps(folder))
+        return ListedRollout(folder, "", end, (None,) * len(COLUMNS))
+    end = Text("To its end: {seconds:.1f} s", seconds=float(scores.get("duration_s") or 0.0))
+    first = _member(scores, "collision").get("first_s")
+    if first is not None:
+        end = Text("Collision at {seconds:.1f} s", seconds=float(first))
+    values = [_member(scores, column.member).get(column.key) for column in COLUMNS]
+    numbers = (float(value) if isinstance(value, int | float) else None for value in values)
+    return ListedRollout(folder, str(scores.get("driver", "")), end, tuple(numbers))
+
+
+def best_values(rollouts: Sequence[ListedRollout]) -> list[float | None]:
+    """Return the best value of each column; None where fewer than two rollouts differ in it."""
+    best: list[float | None] = []
+    for column, values in zip(COLUMNS, zip(*(rollout.values for rollout in rollouts), strict=True), strict=False):
+        known = {value for value in values if value is not None}
+        best.append((max(known) if column.rises else min(known)) if len(known) > 1 else None)
+    return best
+
+
+def in_order(rollouts: Sequence[ListedRollout], column: int) -> list[ListedRollout]:
+    """Return rollouts in the order of a column, the best first and those without a value last; of a negative one, in the
+    order of their names."""
+
+    def key(rollout: ListedRollout) -> tuple[Any, ...]:
+        value = rollout.values[column] if column >= 0 else None
+        name = [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", rollout.folder.name)]
+        return (value is None, (-value if COLUMNS[column].rises else value) if value is not None else 0.0, name)
+
+    return sorted(rollouts, key=key)
 
 
 def vehicle_of(simulation: Mapping[str, Any] | None) -> Vehicle:

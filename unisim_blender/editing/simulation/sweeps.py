@@ -20,18 +20,8 @@ from .stated import numbers_of, value_of
 MEMBERS = ("edits", "simulation", "sensors")
 """Members of a scenario that parameters may lie in."""
 _LEFT_OUT = (
-    "type",
-    "id",
-    "mesh",
-    "scene",
-    "trajectory",
-    "map",
-    "box",
-    "label",
-    "outside",
-    "quaternion_wxyz",
-    "along",
-    "path",
+    *("type", "id", "mesh", "scene", "trajectory", "map", "box", "label", "outside", "quaternion_wxyz", "leader"),
+    *("along", "path"),
 )
 """Members that are no choice of a sweep: nobody varies one key of a trajectory, or one number of a rotation."""
 WORDS: dict[str, tuple[str, float]] = {
@@ -54,6 +44,15 @@ WORDS: dict[str, tuple[str, float]] = {
     "count": (translatable("number"), 2.0),
     "shift_left_m": (translatable("left"), 1.0),
     "speed": (translatable("speed, as a factor"), 0.0),
+    "speed_m_s": (translatable("speed"), 0.0),
+    "deceleration_m_s2": (translatable("deceleration"), 0.0),
+    "at_s": (translatable("time"), 1.0),
+    "left_m": (translatable("left"), 1.0),
+    "edits/gap_s": (translatable("gap"), 0.0),
+    "edits/gap_m": (translatable("gap"), 0.0),
+    "from_m": (translatable("distance aside"), 2.0),
+    "lane_m": (translatable("distance aside"), 0.5),
+    "side": (translatable("side"), 0.0),
     "headway_s": (translatable("gap in time"), 0.0),
     "gap_m": (translatable("gap at rest"), 0.0),
     "acceleration_m_s2": (translatable("acceleration"), 0.0),
@@ -192,7 +191,7 @@ def _words(path: tuple[str | int, ...]) -> tuple[str, float]:
     number = path[-1] if isinstance(path[-1], int) else None
     unit = next((UNITS[end] for end in sorted(UNITS, key=len, reverse=True) if name.endswith(f"_{end}")), "")
     key = name.removeprefix("world_") if number is None else f"{name.removeprefix('world_')}/{number}"
-    words, reach = WORDS.get(key, ("", 0.0))
+    words, reach = WORDS.get(f"{path[0]}/{key}", WORDS.get(key, ("", 0.0)))
     if name.startswith("world_"):
         words = WORDS[f"position/{number}"][0]
     elif not words:

@@ -79,6 +79,7 @@ class UNISIM_PT_actor(DrivePanel, bpy.types.Panel):
         column = layout.column(align=True)
         column.operator_menu_enum("unisim.duplicate_actor", "where", text="Duplicate", icon="DUPLICATE")
         column.operator("unisim.delete_actor", text="Delete", icon="TRASH")
+        column.operator_menu_enum("unisim.maneuver", "kind", icon="CON_FOLLOWPATH")
         column.operator_menu_enum("unisim.retime_actor", "mode", text="Retime", icon="TIME")
         column.operator("unisim.shift_actor", icon="ARROW_LEFTRIGHT")
         column.operator("unisim.follow_curve", icon="CURVE_PATH")

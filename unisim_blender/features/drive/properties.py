@@ -13,6 +13,7 @@ from bpy.props import (
     StringProperty,
 )
 
+from ...core.scenario.types import FRAME_FORMATS, SEQUENCE_FORMATS
 from ..sidebar import switch_of
 
 KINDS = (
@@ -91,6 +92,7 @@ class UniSimObject(bpy.types.PropertyGroup):
     stamp: StringProperty(description="Changes whenever the LiDAR points change")
     called: StringProperty(description="Identifier in scenarios, for objects that were copied with a variant")
     called_as: StringProperty(description="Object name for which that identifier is valid")
+    maneuvers: StringProperty(description="Maneuvers that lead to its trajectory, as JSON")
     rest_location: FloatVectorProperty(size=3, description="Offset from the trajectory before the first keyframe")
     rest_scale: FloatVectorProperty(
         size=3, description="Scale that the location accounts for; zero where none was noted"
@@ -130,6 +132,9 @@ class UniSimCheck(bpy.types.PropertyGroup):
         name="State", description="Digest of the edits that were checked; empty before the first check"
     )
     checked: StringProperty(name="Checked", description="Local date and time of the check")
+
+
+FORMATS = tuple((name, name, about) for name, about in (FRAME_FORMATS | SEQUENCE_FORMATS).items())
 
 
 class UniSimScene(bpy.types.PropertyGroup):
@@ -225,6 +230,13 @@ class UniSimScene(bpy.types.PropertyGroup):
         items=PASSES,
         options={"ENUM_FLAG"},
         default={"depth"},
+    )
+    formats: EnumProperty(
+        name="Formats",
+        description="Formats that sequences are written in",
+        items=FORMATS,
+        options={"ENUM_FLAG"},
+        default=set(FRAME_FORMATS),
     )
 
 

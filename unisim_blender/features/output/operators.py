@@ -1,5 +1,6 @@
 """All sensors over the frame range into a folder, in the background; and what a sequence left there."""
 
+import json
 import subprocess
 from collections.abc import Generator
 from pathlib import Path
@@ -13,9 +14,10 @@ from ...bridge.window import Need, allowed, drive, folder_on_disk
 from ...core.errors import UnisimError
 from ...editing.images.rendered import RenderedFrames, player_command, rendered_cameras
 from ...editing.reading.scenario import write_scenario
+from ...editing.texts import translatable
 from ...preferences import device, interpreter
 from ...process.background import launch
-from ...process.tasks import SequenceTask
+from ...process.tasks import SequenceTask, Task
 from ...translations import message
 from ..drive.export_operators import ReadsScenes
 from ..operator_bases import AtOnce, Needing, in_thread, nothing_runs, reporting
@@ -23,6 +25,12 @@ from ..operator_bases import AtOnce, Needing, in_thread, nothing_runs, reporting
 SCENARIO = "scenario.json"
 MIN_WIDTH = 8
 """The narrowest image that the command line renders, in pixels."""
+FILMS = ("film.mp4", "film.html")
+"""Names of films in the folder of a sequence, as `unisim film` has them."""
+MOST_SENSORS = 32
+"""How many switches Blender can show in a menu."""
+_sensors: list[tuple[str, str, str, int]] = []
+"""The newest switches: Blender does not store them."""
 _shown: list[tuple[str, str, str]] = []
 """The newest menu's items: Blender does not store them."""
 
@@ -162,8 +170,121 @@ class UNISIM_OT_play_result(bpy.types.Operator):
         return {"FINISHED"}
 
 
+class FilmTask(Task):
+    """A film of a finished sequence. The command line tells of each frame, and of the file at last."""
+
+    title = translatable("Film")
+    hears = True
+    frames = 0
+    is_page = False
+
+    @property
+    def done(self) -> float:
+        """Frames that are finished."""
+        return float(self.frames)
+
+    def hear(self, line: str) -> None:
+        """Take what the command line says: how many of how many frames are done, or what was written."""
+        try:
+            event = json.loads(line)
+        except ValueError:
+            return  # cut off where the process was ended
+        if "file" in event:
+            self.is_page = event["page"]
+        else:
+            self.frames, self.total = event["done"], float(event["total"])
+
+    def measure(self) -> str:
+        """Frames of how many; a page is said to be one."""
+        frames = message("{done} of {total} frames", done=self.frames, total=int(self.total))
+        return message("{frames}, a page: imageio-ffmpeg is missing", frames=frames) if self.is_page else frames
+
+
+def sensors_of(scene: bpy.types.Scene) -> list[str]:
+    """Return the cameras and LiDARs of which the output folder holds a finished sequence."""
+    folder = known_folder(scene)
+    if folder is None or not (folder / "manifest.json").is_file():
+        return []
+    return [path.name for kind in ("camera", "lidar") for path in sorted((folder / kind).glob("*")) if path.is_dir()]
+
+
+def sensor_items(self: bpy.types.Operator, context: bpy.types.Context) -> list[tuple[str, str, str, int]]:
+    """The sensors that a film can show, for a menu of switches."""
+    _sensors[:] = [
+        (name, name, "", 1 << number) for number, name in enumerate(sensors_of(context.scene)[:MOST_SENSORS])
+    ]
+    return _sensors
+
+
+class UNISIM_OT_make_film(bpy.types.Operator):
+    """Write a film of the finished sequence, in the background: cameras, and the LiDARs from above, side by side"""
+
+    bl_idname = "unisim.make_film"
+    bl_label = "Make Film"
+    bl_options = {"REGISTER"}
+
+    sensors: EnumProperty(
+        name="Sensors",
+        description="Cameras and LiDARs that the film shows",
+        items=sensor_items,
+        options={"ENUM_FLAG", "SKIP_SAVE"},
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A sequence has to be finished, and nothing else be running."""
+        finished = sensors_of(context.scene), "The output folder has no finished sequence yet: render one first"
+        return allowed(cls, drive(context), folder_known(context), finished, nothing_runs(context))
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the sensors."""
+        self.sensors = {item[0] for item in sensor_items(self, context)}
+        return context.window_manager.invoke_props_dialog(self)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw a switch for each sensor."""
+        self.layout.column(align=True).prop(self, "sensors")
+
+    @reporting
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Start the command line."""
+        folder = output_folder(context.scene)
+        shown = [name for name in sensors_of(context.scene) if not self.sensors or name in self.sensors]
+        task = FilmTask(["film", str(folder), "--json", *sensor_options(shown)], folder, 0.0, interpreter())
+        launch(task)
+        if bpy.app.background and task.problem:
+            raise UnisimError(task.problem)
+        return {"FINISHED"}
+
+
+def film_of(scene: bpy.types.Scene) -> Path | None:
+    """Return the newest film in the output folder; None where there is none."""
+    folder = known_folder(scene)
+    films = [path for name in FILMS if folder is not None and (path := folder / name).is_file()]
+    return max(films, key=lambda path: path.stat().st_mtime_ns, default=None)
+
+
+class UNISIM_OT_open_film(bpy.types.Operator):
+    """Open the film of the sequence in the program that plays films, or in the browser"""
+
+    bl_idname = "unisim.open_film"
+    bl_label = "Open Film"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The film has to be there."""
+        return allowed(cls, drive(context), (film_of(context.scene), "There is no film yet: make one first"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """As Blender opens files."""
+        return bpy.ops.wm.path_open(filepath=str(film_of(context.scene)))
+
+
 CLASSES = (
     UNISIM_OT_render_sequence,
     UNISIM_OT_open_output,
     UNISIM_OT_play_result,
+    UNISIM_OT_make_film,
+    UNISIM_OT_open_film,
 )

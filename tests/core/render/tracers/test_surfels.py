@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 from collections.abc import Generator, Iterator
@@ -31,7 +32,7 @@ from unisim_blender.core.render import code_identity as code_identity_module
 from unisim_blender.core.render.code_identity import NOT_RENDERING, code_digest
 from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.render.tracers.surfels.build import Step, build_surfels, finished
+from unisim_blender.core.render.tracers.surfels.build import Step, build_surfels, finished, preliminary_surfels
 from unisim_blender.core.render.tracers.surfels.cache import NOT_SURFELS, build_key, surfels_of
 from unisim_blender.core.render.tracers.surfels.exposure import Exposures
 from unisim_blender.core.render.tracers.surfels.model import LIDARSIM, SurfelScene
@@ -41,7 +42,8 @@ from unisim_blender.core.render.tracers.surfels.views import open_view
 from unisim_blender.core.render.tracers.warping import WarpTracer
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.sensors.frames import CameraFrame
-from unisim_blender.core.worker.server import Jobs
+from unisim_blender.core.worker.protocol import read_message
+from unisim_blender.core.worker.server import Jobs, Server
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.core.world.replay import parked_boxes
 from unisim_street.street import Street, load_street
@@ -364,6 +366,68 @@ def test_the_worker_renders_a_log_without_a_scene(path: Path, tmp_path: Path) ->
     assert progress[0] > told[-1]["share"], "what was made before stays"
     assert events[-1]["event"] == "arrays" and (tmp_path / events[-1]["file"]).stat().st_size > 0
     assert [event["event"] for event in jobs.camera(request)] == ["arrays"], "made once"
+
+
+def test_a_preliminary_scene_shows_the_frame_that_it_is_near(log: Log, recorded: CameraFrame) -> None:
+    time_s = log.drive.cameras[CAMERA].time_s[FRAME]
+    steps = list(preliminary_surfels(log, LIDARSIM, time_s))
+    shares = [step.share for step in steps if isinstance(step, Step)]
+    assert shares == sorted(shares) and len(shares) < 0.7 * len(list(build_surfels(log, LIDARSIM)))
+    scene = steps[-1]
+    assert isinstance(scene, SurfelScene)
+    frame = DriveFrames(Renderer(SurfelBackend(scene, log.drive)), log.drive).camera(CAMERA, FRAME)
+    assert psnr(frame.rgb, recorded.rgb) > 20.0
+
+
+def images(jobs: Jobs, request: dict[str, Any]) -> tuple[list[bool], bytes]:
+    """Whether each image of a request is preliminary, and the bytes of them."""
+    events = list(jobs.camera(request))
+    files = [(jobs.folder / event["file"]).read_bytes() for event in events if event["event"] == "arrays"]
+    return [event["preliminary"] for event in events if event["event"] == "regions"], b"".join(files)
+
+
+def test_preliminary_images_are_labelled_and_never_results(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("UNISIM_CACHE", str(tmp_path / "cache"))
+    log = open_log(path)
+    camera = log.drive.cameras[CAMERA]
+    camera = replace(camera, model=camera.model.resized(48))
+    asked = capture_request(log.drive, parked_boxes(log.drive), camera, 0.3, path, None)
+    view = {**asked, "id": 1, "preliminary": True, "update": {"job": None, "unfinished": []}}
+    jobs = Jobs(tmp_path)
+    labels, first = images(jobs, view)
+    assert labels == [True] and jobs.surfels is None
+    assert images(jobs, {**view, "update": {"job": 1, "unfinished": []}}) == ([True], first), "never a part of one"
+    steps = list(jobs.prepare({"log": str(path)}))
+    assert steps and all(event["pauses"] for event in steps)
+    finished_labels, refined = images(jobs, view)
+    assert finished_labels == [False] and refined != first
+    other = Jobs(tmp_path)
+    monkeypatch.setenv("UNISIM_CACHE", str(tmp_path / "other_cache"))
+    images(other, view)  # a preliminary scene is at hand
+    assert images(other, asked) == ([], refined), "a result is of all surfels"
+
+
+def test_what_pauses_lets_later_requests_go_first() -> None:
+    def long(request: dict[str, Any]) -> Iterator[dict[str, Any]]:
+        for _ in range(3):
+            yield {"event": "progress", "pauses": True}
+
+    events = io.BytesIO()
+    server = Server(io.BytesIO(), events, {"long": long, "short": lambda request: iter(())})
+    for number, do in enumerate(("long", "short", "long")):
+        server.waiting.put({"id": number, "do": do})
+    for _ in range(3):
+        server._do(cast(dict[str, Any], server.waiting.get()))
+    server.cancelled.add(0)  # while it waits
+    while not server.waiting.empty():
+        server._do(cast(dict[str, Any], server.waiting.get()))
+    events.seek(0)
+    told = [(event["id"], event["event"]) for event in iter(lambda: read_message(events), None)]
+    assert told[:3] == [(0, "progress"), (1, "done"), (2, "progress")]
+    assert [event for number, event in told[3:] if number == 0] == ["cancelled"]
+    assert told[-1] == (2, "done") and not server.cancelled
 
 
 @pytest.mark.parametrize("name", [None, "warp"])

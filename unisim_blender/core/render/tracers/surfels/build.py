@@ -6,6 +6,7 @@ Faces lie on local planes of the points, with the normal and the density of the 
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -102,6 +103,8 @@ IMAGES_PER_CAMERA = 16
 """Number of images of each camera, spread over the drive, that faces are painted from."""
 IMAGE_WIDTH_PX, DEPTH_WIDTH_PX = 960, 320
 DROP_SWEEPS = 6
+NEAR_SWEEPS = 5
+"""Number of sweeps of each LiDAR that a preliminary scene is built from."""
 
 
 PRUNING_SWEEPS, PRUNING_ROUNDS = 12, 2
@@ -127,14 +130,62 @@ def build_surfels(
     """
     drive = log.drive
     chosen = set(drive.frames if frames is None else frames)
-    sweeps = [(name, frame) for name in drive.lidars for frame in _captures(log, name, chosen)]
+    sweeps = _sweeps(log, chosen)
+    actors = with_windows(drive, drive.actors.values())
+    surfels, ground = yield from _laid(log, settings, sweeps, actors, 0.22)
+    beams = [(name, frame) for name, frame in sweeps if drive.lidars[name].model.beams]
+    for number, (name, frame) in enumerate(beams[i] for i in spread_indices(len(beams), PRUNING_SWEEPS)):
+        yield Step("Removing what beams went through", 0.22 + 0.2 * number / PRUNING_SWEEPS)
+        surfels = _pruned(surfels, log, name, frame)
+    outlines: dict[str, tuple[Outline, int]] = {}
+    for name in drive.cameras:
+        yield Step("Looking for the vehicle itself", 0.42)
+        outlines |= outline_in(log, name, chosen)
+    images = [(name, frame) for name in drive.cameras for frame in _chosen_images(log, name, chosen)]
+    scene = yield from _painted(log, settings, surfels, ground, images, outlines, 0.45, 0.95)
+    drops = DropTable.empty()
+    for name, frame in (beams[i] for i in spread_indices(len(beams), DROP_SWEEPS)):
+        yield Step("Counting dropped beams", 0.95)
+        drops = _count_drops(drops, log, name, frame, surfels)
+    yield replace(scene, drops=drops)
+
+
+def preliminary_surfels(log: Log, settings: SurfelSettings, time_s: float) -> Iterator[Step | SurfelScene]:
+    """Build surfels of the few sweeps and images nearest to a time, seconds: yield steps, and last the scene.
+
+    It takes a tenth of the time of `build_surfels`, for a first image near that time. Every beam returns, and outlines
+    of the recording vehicle are unknown. Raises `LogError` where there is no sweep.
+    """
+    drive = log.drive
+    near = sorted(
+        _sweeps(log, set(drive.frames)), key=lambda sweep: abs(drive.lidars[sweep[0]].time_s[sweep[1]] - time_s)
+    )
+    sweeps = [sweep for name in drive.lidars for sweep in [s for s in near if s[0] == name][:NEAR_SWEEPS]]
+    images = []
+    for name, camera in drive.cameras.items():
+        frames = sorted(log.image_frames(name), key=lambda frame: abs(camera.time_s[frame] - time_s))  # noqa: B023
+        images += [(name, frame) for frame in frames[:1]]
+    surfels, ground = yield from _laid(log, settings, sweeps, with_windows(drive, drive.actors.values()), 0.55)
+    yield (yield from _painted(log, settings, surfels, ground, images, {}, 0.55, 1.0))
+
+
+def _sweeps(log: Log, chosen: set[int]) -> list[tuple[str, int]]:
+    """Return the LiDARs and frames of the sweeps of ``chosen`` frames. Raises `LogError` where there is none."""
+    sweeps = [(name, frame) for name in log.drive.lidars for frame in _captures(log, name, chosen)]
     if not sweeps:
         raise LogError(f"{log.path}: has no LiDAR sweep to make surfels of")
-    actors = with_windows(drive, drive.actors.values())
+    return sweeps
+
+
+def _laid(
+    log: Log, settings: SurfelSettings, sweeps: Sequence[tuple[str, int]], actors: Sequence[Actor], end: float
+) -> Generator[Step, None, tuple[PlacedSurfels, HeightGrid]]:
+    """Yield steps up to the share ``end``; return faces on the returns of ``sweeps``, and the ground."""
+    drive = log.drive
     static, own = PointSums(), [PointSums() for _ in actors]
     feet: list[tuple[int, Sweep, FloatArray, FloatArray]] = []
     for number, (name, frame) in enumerate(sweeps):
-        yield Step("Gathering LiDAR returns", 0.4 * number / len(sweeps))
+        yield Step("Gathering LiDAR returns", 0.6 * end * number / len(sweeps))
         sweep = log.sweep(name, frame)
         owner, places = gather_sweep(drive, actors, sweep, drive.time_s[frame])
         still = owner < 0
@@ -155,38 +206,40 @@ def build_surfels(
     sets = {}
     for number, (actor, cloud) in enumerate(zip(actors, own, strict=True)):
         if number % 16 == 0:
-            yield Step("Laying faces on actors", 0.4 + 0.05 * number / len(actors))
+            yield Step("Laying faces on actors", end * (0.6 + 0.15 * number / len(actors)))
         sets[actor.uid] = _exhausted(_faces(_mirrored(cloud, actor) if settings.mirror else _fine(cloud), settings))
-    laid = yield from _as_steps(_faces(_fine(static), settings), "Laying faces", 0.45, 0.1)
+    laid = yield from _as_steps(_faces(_fine(static), settings), "Laying faces", 0.75 * end, 0.2 * end)
     everywhere = joined([laid, _gaps(laid, ground, drive.world_from_ego.positions)])
-    yield Step("Sorting faces", 0.55)
-    surfels = PlacedSurfels(everywhere, [(actor, sets[actor.uid]) for actor in actors])
+    yield Step("Sorting faces", 0.95 * end)
     _ = everywhere.triangles  # made once: it takes seconds
-    beams = [(name, frame) for name, frame in sweeps if drive.lidars[name].model.beams]
-    for number, (name, frame) in enumerate(beams[i] for i in spread_indices(len(beams), PRUNING_SWEEPS)):
-        yield Step("Removing what beams went through", 0.57 + 0.05 * number / PRUNING_SWEEPS)
-        surfels = _pruned(surfels, log, name, frame)
-    everywhere = surfels.static
-    sets = {actor.uid: faces for actor, faces in surfels.placed}
+    return PlacedSurfels(everywhere, [(actor, sets[actor.uid]) for actor in actors]), ground
+
+
+def _painted(
+    log: Log,
+    settings: SurfelSettings,
+    surfels: PlacedSurfels,
+    ground: HeightGrid,
+    images: Sequence[tuple[str, int]],
+    outlines: dict[str, tuple[Outline, int]],
+    begin: float,
+    end: float,
+) -> Generator[Step, None, SurfelScene]:
+    """Yield steps from the share ``begin`` to ``end``; return the scene of faces painted from ``images``, without
+    drops."""
     painter = SurfelPainter(surfels)
-    outlines: dict[str, tuple[Outline, int]] = {}
-    for name in drive.cameras:
-        yield Step("Looking for the vehicle itself", 0.62)
-        outlines |= outline_in(log, name, chosen)
-    images = [(name, frame) for name in drive.cameras for frame in _chosen_images(log, name, chosen)]
+    actors = [actor for actor, _ in surfels.placed]
     for number, (name, frame) in enumerate(images):
-        yield Step("Painting faces from images", 0.63 + 0.32 * number / len(images))
+        yield Step("Painting faces from images", begin + (end - begin) * number / len(images))
         painter.paint(open_view(log, name, frame, IMAGE_WIDTH_PX, DEPTH_WIDTH_PX, surfels, actors, outlines))
     gains = painter.gains()
-    times = [drive.cameras[name].time_s[frame] for name, frame in images]
+    times = [log.drive.cameras[name].time_s[frame] for name, frame in images]
     exposures = Exposures.of([name for name, _ in images], times, gains)
     painter.finish(gains)
     dome, dome_seen = painter.dome(gains)
+    sets = {actor.uid: faces for actor, faces in surfels.placed}
     drops = DropTable.empty()
-    for name, frame in (beams[i] for i in spread_indices(len(beams), DROP_SWEEPS)):
-        yield Step("Counting dropped beams", 0.97)
-        drops = _count_drops(drops, log, name, frame, surfels)
-    yield SurfelScene(settings, everywhere, sets, ground, dome, dome_seen, drops, outlines, exposures)
+    return SurfelScene(settings, surfels.static, sets, ground, dome, dome_seen, drops, outlines, exposures)
 
 
 def finished(steps: Iterator[Step | SurfelScene], on_step: Callable[[Step], object] = lambda step: None) -> SurfelScene:
