@@ -48,6 +48,8 @@ from ..texts import LOWER, Text, cased
 LATER_DIGITS, OFFSET_DIGITS, AHEAD_DIGITS = 4, 5, 2
 """Of a shift's seconds and metres: Blender's float32 keys tell no more."""
 SAME_LATER_S = 1e-3
+ALONG = 5.0
+"""By how much less what is shifted along a path agrees: keys turn between frames as numbers do."""
 
 
 class ReadEdit(NamedTuple):
@@ -277,10 +279,16 @@ def shift_of(context: ActorEditContext) -> Move | None:
     moves = actor.is_moving and is_path(actor.world_from_actor.positions)
     if not moves or obj.appearance or obj.scale_lift_m or obj.span is None or not obj.there.any():
         return None
-    recorded = actor.world_from_actor
-    begins_s, first_s = float(clock.time_s(np.array(obj.span[0]))), float(recorded.times_s[0])
+    begins_s, first_s = float(clock.time_s(np.array(obj.span[0]))), float(actor.world_from_actor.times_s[0])
     # imported trajectories may have keys from the drive's first frame on
-    later_s = min(begins_s - first_s, begins_s - min(first_s, *context.reading.drive.time_s.values()), key=abs)
+    starts = sorted({first_s, min(first_s, *context.reading.drive.time_s.values())})
+    return next((move for start in starts if (move := _shift_by(context, begins_s - start)) is not None), None)
+
+
+def _shift_by(context: ActorEditContext, later_s: float) -> Move | None:
+    """Return that move of an actor that is delayed by ``later_s``; None where it goes otherwise."""
+    obj, actor, clock = context.here, context.known, context.clock
+    recorded = actor.world_from_actor
     later_s = round(later_s, LATER_DIGITS) if abs(later_s) > SAME_LATER_S else 0.0
     # beyond its keys a trajectory goes on as its last ones do, and Blender's are others
     keyed = (clock.times_s >= recorded.times_s[0] + later_s) & (clock.times_s <= recorded.times_s[-1] + later_s)
@@ -294,8 +302,9 @@ def shift_of(context: ActorEditContext) -> Move | None:
         by = _apart(shifted(actor, None, later_s, ahead_m, drive), obj, clock, there)
         offset = vector(np.round(by, OFFSET_DIGITS) + 0.0) if np.abs(by).max() > SAME_M else (0.0, 0.0, 0.0)
         after = shifted(actor, offset, later_s, ahead_m, drive)
-        agree = near if later_s or ahead_m else same
-        if agree(after.world_from_actor.at(clock.times_s), obj.poses)[there].all():
+        shift = after.world_from_actor.at(clock.times_s)
+        agree = near(shift, obj.poses, ALONG if ahead_m else 1.0) if later_s or ahead_m else same(shift, obj.poses)
+        if agree[there].all():
             break
     else:
         return None

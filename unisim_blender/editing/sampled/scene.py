@@ -64,11 +64,11 @@ def same_place(a: FloatArray, b: FloatArray) -> BoolArray:
     return np.asarray(away <= SAME_M + 4 * FLOAT32_ULP * np.abs(b[..., :3, 3]).max(-1))
 
 
-def near(a: FloatArray, b: FloatArray) -> BoolArray:
+def near(a: FloatArray, b: FloatArray, times: float = 1.0) -> BoolArray:
     """Return which poses (N, 4, 4) agree as far as keys that were delayed do, where the log's frames are not quite evenly
-    spaced: (N,) bool."""
+    spaced, or a number of ``times`` less: (N,) bool."""
     away = np.linalg.norm((a - b)[:, :3, 3], axis=-1)
-    return np.asarray((away < NEAR_M) & (np.abs((a - b)[:, :3, :3]).max((1, 2)) < NEAR_RAD))
+    return np.asarray((away < times * NEAR_M) & (np.abs((a - b)[:, :3, :3]).max((1, 2)) < times * NEAR_RAD))
 
 
 def same_turn(a: FloatArray, b: FloatArray) -> BoolArray:

@@ -43,6 +43,8 @@ PATHS = (
 AHEAD_M, CONES_M, CONES = 8.0, 24.0, 6
 """From the ego vehicle to the first cone, the length of a row of cones, and their number."""
 LANE_EDGE_M = -1.9
+FARTHEST = 16
+"""Number of places by which a row is moved at most to where its places are free."""
 NUMBERS = ("along", "start_m", "end_m", "by_spacing", "count", "spacing_m", "left_m", "end_left_m", "variation_m")
 """Properties of operators that put rows."""
 PARKED, PARKED_GAP_M, PARKED_VARIATION_M = 4, 1.2, 0.25
@@ -78,6 +80,8 @@ class PlacesRow(Needing):
 
     bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, drive)
+    back = 0
+    """Number of places by which the row may begin earlier than at first."""
 
     along: EnumProperty(name="Along", description="Path that the row follows", items=PATHS, options={"SKIP_SAVE"})
     start_m: FloatProperty(name="From", description="Along the path", unit="LENGTH", options={"SKIP_SAVE"})
@@ -124,13 +128,27 @@ class PlacesRow(Needing):
         """Return what is copied; None where nothing fits."""
         raise NotImplementedError
 
-    def begins(self: Any, context: bpy.types.Context, obj: bpy.types.Object, recorded: Drive) -> list[dict[str, Any]]:
-        """Return numbers that the row may have at first: those with which most places are free are taken."""
+    def begin(self: Any, context: bpy.types.Context, obj: bpy.types.Object, recorded: Drive) -> dict[str, Any]:
+        """Return the numbers that the row has at first."""
         raise NotImplementedError
+
+    def slide(self: Any, context: bpy.types.Context, obj: bpy.types.Object, recorded: Drive) -> None:
+        """Move the row along its path, a place at a time, to where most of its places are free, as near as can be."""
+        row, count = self.row(context, obj, recorded), self.count
+        step, before = (self.end_m - self.start_m) / max(count - 1, 1), self.back
+        longer = replace(
+            row, start_m=row.start_m - before * step, end_m=row.start_m + (FARTHEST + count - 1) * step,
+            count=before + FARTHEST + count, spacing_m=None,
+        )  # fmt: skip
+        size_m = np.array(size_of(obj))
+        poses = longer.poses(rigid(np.array(obj.matrix_world, float)), size_m, recorded, row.id)
+        free = np.convolve(clear(poses, size_m, boxes(context.scene, recorded, row)), np.ones(count), "valid")
+        best = min(range(len(free)), key=lambda at: (-int(free[at] + 0.5), at < before, abs(at - before)))
+        self.start_m, self.end_m = (float(end + (best - before) * step) for end in (self.start_m, self.end_m))
 
     @reporting
     def execute(self: Any, context: bpy.types.Context) -> set[str]:
-        """Put the row there and select it; numbers that are not given are those of `begins`."""
+        """Put the row there and select it; numbers that are not given are those of `begin`."""
         scene, recorded = context.scene, source_of(context.scene).drive
         obj = scene.objects.get(self.source) or self.found(context, recorded)
         if obj is None:
@@ -138,18 +156,12 @@ class PlacesRow(Needing):
         if not self.source:
             ids = {other.name.rpartition(" ")[0] for other in bpy.data.objects}
             self.source, self.id = obj.name, free_name(self.bl_label, ids)
-            given = [name for name in NUMBERS if self.properties.is_property_set(name)]
-            most = -1
-            for numbers in self.begins(context, obj, recorded):
-                for name in numbers.keys() - given:
-                    setattr(self, name, numbers[name])
-                row = self.row(context, obj, recorded)
-                poses = row.poses(rigid(np.array(obj.matrix_world, float)), np.array(size_of(obj)), recorded, row.id)
-                free = int(clear(poses, np.array(size_of(obj)), boxes(scene, recorded, row)).sum())
-                if free > most:
-                    most, best = free, {name: getattr(self, name) for name in NUMBERS}
-            for name, value in best.items():
-                setattr(self, name, value)
+            given = {name for name in NUMBERS if self.properties.is_property_set(name)}
+            for name, value in self.begin(context, obj, recorded).items():
+                if name not in given:
+                    setattr(self, name, value)
+            if not given & {"start_m", "end_m"}:
+                self.slide(context, obj, recorded)
         row = self.row(context, obj, recorded)
         others = boxes(scene, recorded, row)
         is_recorded = obj == as_imported(scene, "ACTOR", obj.unisim.uid) and obj.unisim.uid in recorded.actors
@@ -206,7 +218,8 @@ def boxes(scene: bpy.types.Scene, recorded: Drive, row: Row) -> Boxes:
 def row_words(row: Row, count: int) -> Text:
     """Return how many stand in a row, and from where to where."""
     span = Text("{length} long", length=metres(abs(row.end_m - row.start_m)))
-    return series([row.id, Text("{count} of {total} places", count=count, total=row.count or count), span], ": ")
+    places = Text("{count} of {total} places", count=count, total=row.count or count)
+    return series([row.id, series([places, span])], ": ")
 
 
 class UNISIM_OT_row_of_cones(PlacesRow, bpy.types.Operator):
@@ -223,20 +236,18 @@ class UNISIM_OT_row_of_cones(PlacesRow, bpy.types.Operator):
         cones = (each for each in imported_objects(context.scene, "ACTOR") if is_cone(each, recorded))
         return next(cones, None) or next(imported_objects(context.scene, "STATIC"), None)
 
-    def begins(self, context: bpy.types.Context, obj: bpy.types.Object, recorded: Drive) -> list[dict[str, Any]]:
+    def begin(self, context: bpy.types.Context, obj: bpy.types.Object, recorded: Drive) -> dict[str, Any]:
         """Return the numbers of a row at the right edge of the ego's lane, ahead of it."""
         numbers = {"count": CONES, "left_m": LANE_EDGE_M, "end_left_m": LANE_EDGE_M}
         if any(each.type == "CURVE" for each in context.selected_objects):
             points = np.array(curve_points(context))
             length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-            return [{**numbers, "along": "CURVE", "end_m": length, "left_m": 0.0, "end_left_m": 0.0}]
+            return {**numbers, "along": "CURVE", "end_m": length, "left_m": 0.0, "end_left_m": 0.0}
         course, clock = Course.of(recorded.world_from_ego), Clock.of(recorded)
         if course is None:
-            return [
-                {**numbers, "along": "OWN", "left_m": 0.0, "end_left_m": 0.0, "start_m": 2.0, "end_m": 2.0 + CONES_M}
-            ]
+            return {**numbers, "along": "OWN", "left_m": 0.0, "end_left_m": 0.0, "start_m": 2.0, "end_m": 2.0 + CONES_M}
         start_m = float(course.gone(float(clock.time_s(np.array(frame_of(context.scene)))))) + AHEAD_M
-        return [{**numbers, "along": "EGO", "start_m": start_m, "end_m": start_m + CONES_M}]
+        return {**numbers, "along": "EGO", "start_m": start_m, "end_m": start_m + CONES_M}
 
     def without(self, context: bpy.types.Context) -> set[str]:
         """Say how a cone gets there, with buttons."""
@@ -263,6 +274,7 @@ class UNISIM_OT_parked_row(PlacesRow, bpy.types.Operator):
 
     bl_idname = "unisim.parked_row"
     bl_label = "Parked Row"
+    back = FARTHEST
 
     def found(self, context: bpy.types.Context, recorded: Drive) -> bpy.types.Object | None:
         """Return the active actor, if it stands."""
@@ -270,21 +282,16 @@ class UNISIM_OT_parked_row(PlacesRow, bpy.types.Operator):
         stands = obj is not None and obj.unisim.kind == "ACTOR" and obj.select_get() and trajectory_of(obj) is None
         return obj if stands else None
 
-    def begins(self, context: bpy.types.Context, obj: bpy.types.Object, recorded: Drive) -> list[dict[str, Any]]:
-        """Return the numbers of a row from it on, of one up to it, and of one on the other side of the path."""
+    def begin(self, context: bpy.types.Context, obj: bpy.types.Object, recorded: Drive) -> dict[str, Any]:
+        """Return the numbers of a row from it on."""
         course, length = along_of(obj, recorded), float(size_of(obj)[0])
         gone, left, _ = (0.0, 0.0, 0.0) if course is None else course.nearest(np.array(obj.matrix_world.translation))
         spacing = length + PARKED_GAP_M
-        numbers = {
+        return {
             "along": "OWN" if course is None else "EGO", "by_spacing": True, "count": PARKED, "spacing_m": spacing,
+            "start_m": gone + spacing, "end_m": gone + PARKED * spacing, "left_m": left, "end_left_m": left,
             "variation_m": PARKED_VARIATION_M if group_of(class_of(obj, recorded)) in ("CAR", "TRUCK") else 0.0,
         }  # fmt: skip
-        places = ((1, left), (-PARKED, left), (1, -left), (-PARKED, -left))
-        return [
-            {**numbers, "left_m": aside, "end_left_m": aside, "start_m": gone + first * spacing,
-             "end_m": gone + (first + PARKED - 1) * spacing}
-            for first, aside in places[: 2 if course is None else 4]
-        ]  # fmt: skip
 
 
 def in_row(context: bpy.types.Context) -> Need:
