@@ -283,7 +283,7 @@ TASK_OF = (
         ("VIEW",),
     ),
     (
-        r"render_seq|open_output|play_result|export_scen|\.train|make_lib|quality|passes|sequence_|unisim\.out",
+        r"render_seq|open_output|play_result|_film|export_scen|\.train|make_lib|quality|passes|sequence_|unisim\.out",
         ("RENDER",),
     ),
 )

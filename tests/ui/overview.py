@@ -56,7 +56,7 @@ def overlaid() -> Iterator[float]:
     screenshot("overview_graphs")
     bpy.ops.unisim.shift_ego(left_m=1.0)
     scene.unisim.show_recorded = True
-    yield 1.0
+    yield 3.0
     screenshot("overview_notices")
     space.shading.type = "RENDERED"
     yield from wait_for_image()
@@ -72,6 +72,7 @@ def overlaid() -> Iterator[float]:
     yield 1.5
     screenshot("overview_difference")
     scene.unisim.show_timeline = False
+    redraw()
     yield 0.5
     screenshot("overview_difference_graph")
     scene.frame_set(scene.frame_end + 1)

@@ -10,7 +10,8 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
 from buttons import open_panel, press
-from hands import middle, sidebar, to
+from edit_panel import module
+from hands import key, middle, mouse, sidebar, to
 from heart import heart
 from session import OUT, area, inside, results, screenshot, start, until, view, wait_for_image
 from simulate import prepared
@@ -49,6 +50,53 @@ def opened_again() -> Iterator[float]:
     yield from until(lambda: bpy.context.scene.unisim_simulation.rollout, "the rollout is not opened", 120)
     yield 3.0
     results["scenes"] = [scene.name for scene in bpy.data.scenes]
+    assert results["scenes"] == [names["first"], names["opened"]]
+
+
+def compared() -> Iterator[float]:
+    """A second rollout, of the first one's scene, and Compare Rollouts: a tooltip, an order, a cross, one opened."""
+    bpy.context.scene.unisim_simulation.choice = "constant"
+    yield from press("unisim.simulate()")
+    yield from until(lambda: told().startswith("Done"), f"the rollout does not end: {told()}", 300)
+    folders = sorted(path.name for path in (OUT.parent / "rollouts").iterdir() if path.is_dir())
+    assert folders == ["Scene constant 1", "Scene idm 1"], folders
+    yield from press("unisim.compare_rollouts")
+    yield 1.0
+    screenshot("rollouts_compared")
+    x, y = mouse
+    for aside, down in ((0, 0), (-300, 40), (-200, 20)):
+        yield from to(x + aside, y + down)
+        yield 1.5
+    screenshot("rollouts_compared_tooltip")
+    yield from key("ESC")
+    yield 0.5
+
+
+def filmed() -> Iterator[float]:
+    """A short sequence, then Make Film, with its dialog, progress, and the film's file."""
+    scene = bpy.context.scene
+    about = scene.unisim
+    about.out, about.quality, about.sequence_width, about.sequence_sensors = (
+        str(OUT.parent / "filmed"),
+        "fast",
+        240,
+        "ALL",
+    )
+    scene.frame_start, scene.frame_end = 0, 5
+    bpy.context.window_manager.unisim_panels = "RENDER"
+    yield 0.5
+    yield from press("unisim.render_sequence()")
+    yield from until(lambda: told().startswith("Done"), f"the sequence does not end: {told()}", 300)
+    yield 1.0
+    screenshot("sequence_done")
+    yield from press("unisim.make_film", columns=(0.3,))
+    yield 1.0
+    screenshot("film_asked")
+    yield from key("RET")
+    yield from until(lambda: module("features.output.operators").film_of(scene), f"no film comes: {told()}", 120)
+    yield 2.0
+    results["film"] = told()
+    screenshot("film_done")
 
 
 def other_file() -> Iterator[float]:
@@ -89,6 +137,8 @@ def steps() -> Iterator[float]:
         ("rollouts_simulated", simulated),
         ("rollouts_opened", opened),
         ("rollouts_opened_again", opened_again),
+        ("rollouts_compared", compared),
+        ("rollouts_filmed", filmed),
         ("rollouts_other_file", other_file),
     ):
         yield from task(name, todo)

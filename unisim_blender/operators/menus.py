@@ -10,6 +10,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..bridge.importing.drive import fit_resolution
+from ..editing.texts import translatable
 from ..registering import add, take_away
 
 SHORTCUTS = (
@@ -54,7 +55,69 @@ class UNISIM_MT_object(bpy.types.Menu):
         layout.separator()
         layout.operator("unisim.shift_ego")
         layout.operator("unisim.aim_sensor")
+        layout.operator_menu_enum("unisim.set_beams", "preset")
+        layout.menu("UNISIM_MT_rig_presets")
+        layout.operator("unisim.save_rig")
+        layout.operator("unisim.restore_sensors")
+        layout.separator()
+        layout.operator("unisim.select_listed")
         layout.operator("unisim.check")
+
+
+class UNISIM_MT_render(bpy.types.Menu):
+    """Sequences, simulations, batches, variants and training"""
+
+    bl_label = "UniSim"
+    bl_description = "Sequences, simulations, batches, variants and training"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the operators of the sidebar's Simulate and Render, which the menu search finds here."""
+        for group in RENDER_MENU:
+            for name in group.split():
+                self.layout.operator("unisim." + name)
+            self.layout.separator()
+
+
+RENDER_MENU = (
+    "render_variants export_variants open_output play_result make_film open_film export_scenario",
+    "simulate drive_on open_rollout compare_rollouts",
+    "submit_batch open_report",
+    "new_variant rename_variant delete_variant",
+    "train make_library",
+)
+"""Operators of the menu, in groups."""
+
+
+class UNISIM_MT_view(bpy.types.Menu):
+    """What of the drive the views show"""
+
+    bl_label = "UniSim"
+    bl_description = "What of the drive the views show"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the sidebar's switches, which the menu search finds here."""
+        layout, scene = self.layout, context.scene
+        for name in ("show_ways", "show_sensors", "show_timeline"):
+            layout.prop(scene.unisim, name)
+        layout.prop(scene.unisim_motion, "show_graph")
+        layout.operator("unisim.recorded_colours")
+        layout.operator("unisim.birds_eye")
+        for text, recorded, simulated in POINTS:
+            shown = layout.operator("unisim.show_points", text=text)
+            shown.recorded, shown.simulated = recorded, simulated
+
+
+POINTS = (
+    (translatable("Hide LiDAR Points"), False, False),
+    (translatable("Recorded LiDAR Points"), True, False),
+    (translatable("Simulated LiDAR Points"), False, True),
+)
+
+
+def draw_view_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """A line in the 3D view's View menu."""
+    if context.scene.unisim.log:
+        self.layout.menu("UNISIM_MT_view")
 
 
 def draw_object_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
@@ -87,7 +150,8 @@ def draw_render_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     if context.scene.unisim.log:
         self.layout.separator()
         self.layout.operator("unisim.render_sequence", text="Render Sequence of Sensors", icon="RENDER_ANIMATION")
-        self.layout.operator("unisim.cancel_task", text="Cancel Sequence or Training")
+        self.layout.operator("unisim.cancel_task", text="Cancel Background Task")
+        self.layout.menu("UNISIM_MT_render")
 
 
 @persistent
@@ -237,18 +301,22 @@ class UNISIM_MT_maneuver_pie(bpy.types.Menu):
     bl_description = "Maneuvers of the active actor, or of a new one"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw a slot for each."""
+        """Draw a slot for each, and for rows and classes."""
         pie = self.layout.menu_pie()
         pie.operator_enum("unisim.maneuver", "kind")
+        pie.operator("unisim.row_of_cones", icon="CONE")
+        pie.operator("unisim.parked_row", icon="AUTO")
+        pie.operator_menu_enum("unisim.swap_class", "group", icon="MOD_INSTANCE")
 
 
-CLASSES = (UNISIM_MT_object, UNISIM_MT_pie, UNISIM_MT_maneuver_pie)
+CLASSES = (UNISIM_MT_object, UNISIM_MT_render, UNISIM_MT_view, UNISIM_MT_pie, UNISIM_MT_maneuver_pie)
 HANDLERS = (("load_post", note_cameras), ("depsgraph_update_post", follow_camera))
 
 
 def register() -> None:
     """Add menus and shortcuts."""
     add(CLASSES)
+    bpy.types.VIEW3D_MT_view.append(draw_view_menu)
     bpy.types.VIEW3D_MT_object.append(draw_object_menu)
     bpy.types.VIEW3D_MT_object_context_menu.prepend(draw_context_menu)
     bpy.types.VIEW3D_MT_add.append(draw_add_menu)
@@ -274,4 +342,5 @@ def unregister() -> None:
     bpy.types.VIEW3D_MT_add.remove(draw_add_menu)
     bpy.types.VIEW3D_MT_object_context_menu.remove(draw_context_menu)
     bpy.types.VIEW3D_MT_object.remove(draw_object_menu)
+    bpy.types.VIEW3D_MT_view.remove(draw_view_menu)
     take_away(CLASSES)

@@ -16,10 +16,10 @@ from PIL import Image
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import OutputError, UnisimError
 from unisim_blender.core.export import film
-from unisim_blender.core.export.film import CAPTION, WIDTH, write_film
+from unisim_blender.core.export.film import WIDTH, write_film
 from unisim_blender.core.formats.rendered import camera_path
 from unisim_blender.core.output.video import _frames_of
-from unisim_blender.core.simulation.rollout.film import BOX, EGO_BOX
+from unisim_blender.core.simulation.rollout.film import BOX, CAPTION, EGO_BOX
 
 FEW = 12
 """Largest difference of pixels that JPEG leaves in even parts."""
@@ -59,7 +59,7 @@ def test_sensors_are_chosen_and_the_rate_is_that_of_the_run(tmp_path: Path) -> N
     assert len(only) == len(drive.frames)
     above = frames_of(write_film(folder, ["top"], tmp_path / "above.html"))
     assert above[0].shape[0] - CAPTION == above[0].shape[1]
-    with pytest.raises(OutputError, match=r'has no sensor "rear" \(there are front, top\)'):
+    with pytest.raises(OutputError, match=r'has nothing of a sensor "rear" \(there are front, top\)'):
         write_film(folder, ["rear"])
 
 
@@ -67,7 +67,7 @@ def test_the_command_writes_mp4_and_a_page_without_ffmpeg(tmp_path: Path, monkey
     folder = render_tiny(tmp_path / "run")
     result = CliRunner().invoke(unisim, ["film", str(folder), "--json"])
     events = [json.loads(line) for line in result.output.splitlines() if line.startswith("{")]
-    assert events[-1] == {"file": str(folder / "film.mp4"), "page": False} and events[0] == {"done": 1, "total": 3}
+    assert events[-1] == {"file": str(folder / "film.mp4")} and events[0] == {"done": 1, "total": 3}
     assert _frames_of(folder / "film.mp4") >= len(FRAMES)
     monkeypatch.setattr(film, "find_spec", lambda name: None)
     result = CliRunner().invoke(unisim, ["film", str(folder)])

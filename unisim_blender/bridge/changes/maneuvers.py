@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import bpy
 import numpy as np
@@ -16,7 +15,7 @@ from ...core.geometry import BoolArray, FloatArray
 from ...core.world.drive import Actor, Drive
 from ...editing.edits.maneuvers import PLACED, ManeuverNote, maneuvered, path_members
 from ...editing.edits.reader import ActorEditContext, ReadContext
-from ...editing.motion.placement import meetings, taken_by
+from ...editing.motion.placement import meetings
 from ...editing.motion.plausibility import ground_height
 from ...editing.readers.actors import read_edits
 from ...editing.sampled.clock import Clock, recorded_poses, recorded_there
@@ -26,7 +25,15 @@ from ..importing.drive import go
 from ..objects.imported import collection_of, imported_objects, new_actor, original_of, source_of, title_of
 from ..sampling.from_keys import Sampler
 from ..sampling.stepping import shown_names
-from ..views.actors import ego_poses, neighbours
+
+
+class Traffic(NamedTuple):
+    """What may be in the way: names (A), boxes (A, N, 5) in the plane, and when each is present (A, N)."""
+
+    names: list[str]
+    boxes: FloatArray
+    there: BoolArray
+
 
 Values = Mapping[str, Any]
 """A maneuver as JSON, without its actor."""
@@ -37,7 +44,6 @@ class Maneuvering:
     """An actor's object as it is before a maneuver: its id in the scenario, the edit that says where it goes, and its
     maneuvers so far."""
 
-    scene: bpy.types.Scene
     obj: bpy.types.Object
     uid: str
     context: ActorEditContext
@@ -59,7 +65,7 @@ class Maneuvering:
         seen = next(one for one in sampled.objects if one.name == obj.name)
         if placed is None:
             context = ActorEditContext(reading, seen, drive.actors.get(seen.uid))
-            return Maneuvering(scene, obj, seen.uid, context, None, ManeuverNote({}, ()), drive)
+            return Maneuvering(obj, seen.uid, context, None, ManeuverNote({}, ()), drive)
         edit = placed.edit if isinstance(placed.edit, PLACED) else None
         note = ManeuverNote.of(seen.maneuvers) if placed.maneuvers else None
         uid = getattr(placed.edit, "id", getattr(placed.edit, "actor", ""))
@@ -88,7 +94,7 @@ class Maneuvering:
         self.obj.unisim.maneuvers = str(note)
         return actor
 
-    def first_clear(self, candidates: Iterable[Values]) -> int:
+    def first_clear(self, candidates: Iterable[Values], traffic: Traffic) -> int:
         """Return which of several maneuvers is the first in which the actor overlaps nothing, else the one in which it does
         at the fewest frames. Raises `UnisimError` where none can be."""
         best, fewest, faults = None, np.inf, []
@@ -98,7 +104,7 @@ class Maneuvering:
             except UnisimError as fault:
                 faults.append(fault)
                 continue
-            count = int(self._meetings(actor).sum())
+            count = int(self._meetings(actor, traffic).sum())
             if count < fewest:
                 best, fewest = number, count
             if count == 0:
@@ -107,30 +113,18 @@ class Maneuvering:
             raise faults[0]
         return best
 
-    def first_overlap(self, actor: Actor) -> tuple[str, float] | None:
+    def first_overlap(self, actor: Actor, traffic: Traffic) -> tuple[str, float] | None:
         """Return the name of what an actor overlaps first, and when; None where that is nothing."""
-        met = self._meetings(actor)
+        met = self._meetings(actor, traffic)
         if not met.any():
             return None
         at = int(met.any(0).argmax())
-        return self.others[int(met[:, at].argmax())], float(self.context.clock.times_s[at])
+        return traffic.names[int(met[:, at].argmax())], float(self.context.clock.times_s[at])
 
-    @cached_property
-    def others(self) -> list[str]:
-        """Names of what may be in the way."""
-        actors = imported_objects(self.scene, "ACTOR")
-        return ["Ego vehicle", *(other.name for other in actors if other != self.obj and not other.hide_render)]
-
-    @cached_property
-    def _taken(self) -> tuple[FloatArray, BoolArray]:
-        clock = self.context.clock
-        others = neighbours(self.scene, [self.obj], self.drive, clock)
-        return taken_by(ego_poses(self.scene, self.drive, clock), others)
-
-    def _meetings(self, actor: Actor) -> BoolArray:
+    def _meetings(self, actor: Actor, traffic: Traffic) -> BoolArray:
         clock = self.context.clock
         present = recorded_there(actor, self.drive, clock)
-        return meetings(recorded_poses(actor, clock), present, actor.size_m, *self._taken)
+        return meetings(recorded_poses(actor, clock), present, actor.size_m, traffic.boxes, traffic.there)
 
 
 _grounds: dict[object, float | None] = {}

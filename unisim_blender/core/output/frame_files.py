@@ -28,7 +28,7 @@ from ..files import partial_file, write_file
 from ..formats.rendered import camera_path, labels_path, lidar_path
 from ..geometry import FloatArray, Trajectory, invert_pose, quaternion_from_matrix, transform_points
 from ..json_file import json_bytes
-from ..scenario.types import FRAME_FORMATS
+from ..scenario.types import FRAME_FORMATS as FORMATS
 from ..sensors.frames import CameraFrame, LidarFrame
 from ..sensors.lidar import column_azimuths
 from ..world.captures import Capture, Moment
@@ -111,12 +111,7 @@ of ``instances``)."""
 
 
 def write_camera(
-    out: Path,
-    name: str,
-    capture: Capture,
-    time_s: float,
-    image: CameraFrame,
-    formats: Collection[str] = tuple(FRAME_FORMATS),
+    out: Path, name: str, capture: Capture, time_s: float, image: CameraFrame, formats: Collection[str] = FORMATS
 ) -> list[Path]:
     """Write PNG (sRGB as it is) and EXR (linear, all passes), where asked for; the files' paths.
     Raises `OutputError`."""
@@ -131,12 +126,7 @@ def write_camera(
 
 
 def write_lidar(
-    out: Path,
-    name: str,
-    capture: Capture,
-    time_s: float,
-    sweep: LidarFrame,
-    formats: Collection[str] = tuple(FRAME_FORMATS),
+    out: Path, name: str, capture: Capture, time_s: float, sweep: LidarFrame, formats: Collection[str] = FORMATS
 ) -> list[Path]:
     """Write the sweep's returns as PLY and NPZ, where asked for; the files' paths. Raises `OutputError`."""
     points, paths = sweep_points(sweep), []

@@ -159,12 +159,14 @@ class SampledObject:
 @dataclass(frozen=True)
 class Sampled:
     """The objects of a scene at the frames of ``clock``, in order of their names. ``items`` are the static items that
-    were marked in the scene, by id, as their boxes have it in ``model``; a box may be gone."""
+    were marked in the scene, by id, as their boxes have it in ``model``; a box may be gone. ``skipped`` are the recorded
+    sensors that were not imported."""
 
     name: str
     clock: Clock
     objects: tuple[SampledObject, ...]
     items: dict[str, str] = field(default_factory=dict)
+    skipped: frozenset[str] = frozenset()
 
     def of(self, *kinds: str) -> Iterator[SampledObject]:
         """The objects of some kinds."""

@@ -26,6 +26,7 @@ from ...core.simulation.vehicle.parameters import Vehicle
 from ...core.world.captures import US_PER_SECOND
 from ..edits.lines import metres
 from ..reading.scenario import write_scenario
+from ..sampled.source import is_rollout
 from ..texts import Text, kmh, translatable
 
 SCORES, STEPS, SCENARIO = "scores.json", "steps.jsonl", "scenario.json"
@@ -76,11 +77,6 @@ def _begun_with(folder: Path) -> Any:
         return json.loads(options_path(folder).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-
-
-def is_rollout(folder: Path) -> bool:
-    """Return whether a folder holds a rollout that has come to its end."""
-    return (folder / STEPS).is_file() and (folder / SCENARIO).is_file()
 
 
 def rollout_state(folder: Path) -> str:
@@ -290,44 +286,23 @@ class ScoreColumn(NamedTuple):
 
 
 COLUMNS = (
-    ScoreColumn(
-        translatable("Collisions"), translatable("Actors that the vehicle touches, whoever is at fault; fewer are better"),
-        "collision", "count", "{:.0f}", False,
-    ),
-    ScoreColumn(
-        translatable("Least TTC"),
-        translatable("Least time to collision in seconds, if both keep velocity and heading; longer is better"),
-        "time_to_collision", "minimum_s", "{:.1f} s", True,
-    ),
-    ScoreColumn(
-        "PDMS", translatable("NAVSIM's score of no collision at fault, progress, time to collision and comfort, 0 to 1; "
-                             "higher is better"),
-        "pdms", "score", "{:.2f}", True,
-    ),
-    ScoreColumn(
-        "HD-score", translatable("HUGSIM's score of the driver's plans, times progress, 0 to 1; higher is better"),
-        "hd_score", "score", "{:.2f}", True,
-    ),
-    ScoreColumn(
-        translatable("NCAP stars"),
-        translatable("NeuroNCAP's stars, 0 to 5: 5 without a collision, fewer the faster it is; more are better"),
-        "ncap", "stars", "{:.1f}", True,
-    ),
-    ScoreColumn(
-        translatable("Progress"),
-        translatable("Distance along the recorded path as a fraction of the recorded vehicle's; higher is better"),
-        "progress", "share", "{:.0%}", True,
-    ),
-    ScoreColumn(
-        translatable("Off the log"),
-        translatable("Greatest distance to the side of the recorded path, in metres; less is better"),
-        "deviation", "across_max_m", "{:.1f} m", False,
-    ),
-    ScoreColumn(
-        translatable("Unsupported"),
-        translatable("Fraction of the driver's pixels that no recorded data supports; less is better"),
-        "unsupported", "mean_share", "{:.0%}", False,
-    ),
+    ScoreColumn(translatable("Collisions"), translatable("Actors that the vehicle touches; fewer are better"),
+                "collision", "count", "{:.0f}", False),
+    ScoreColumn(translatable("Least TTC"),
+                translatable("Least time to collision in seconds, if both keep velocity and heading; longer is better"),
+                "time_to_collision", "minimum_s", "{:.1f} s", True),
+    ScoreColumn("PDMS", translatable("NAVSIM's score, 0 to 1, of no collision at fault, progress, time to collision and "
+                                     "comfort; higher is better"), "pdms", "score", "{:.2f}", True),
+    ScoreColumn("HD-score", translatable("HUGSIM's score, 0 to 1, of the driver's plans, times progress; higher is better"),
+                "hd_score", "score", "{:.2f}", True),
+    ScoreColumn(translatable("NCAP stars"), translatable("NeuroNCAP's stars, 0 to 5: 5 without a collision, fewer the "
+                "faster it is; more are better"), "ncap", "stars", "{:.1f}", True),
+    ScoreColumn(translatable("Progress"), translatable("Distance along the recorded path as a fraction of the recorded "
+                "vehicle's; higher is better"), "progress", "share", "{:.0%}", True),
+    ScoreColumn(translatable("Off the log"), translatable("Greatest distance to the side of the recorded path, in metres; "
+                "less is better"), "deviation", "across_max_m", "{:.1f} m", False),
+    ScoreColumn(translatable("Unsupported"), translatable("Fraction of the driver's pixels that no recorded data "
+                "supports; less is better"), "unsupported", "mean_share", "{:.0%}", False),
 )  # fmt: skip
 
 

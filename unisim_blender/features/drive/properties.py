@@ -148,6 +148,9 @@ class UniSimScene(bpy.types.PropertyGroup):
         name="World origin",
         description="Offset subtracted from the coordinates of the log, three float64 values as JSON",
     )
+    first_steps: BoolProperty(name="First Steps", description="Show the first steps in the sidebar until all are done")
+    done_steps: StringProperty(description="First steps that are done, with spaces between")
+    skipped_sensors: StringProperty(description="Sensors of the log that were not imported, as JSON")
     stated: StringProperty(
         description="Frames, times and more of the imported scenario, as JSON; empty where it states none"
     )

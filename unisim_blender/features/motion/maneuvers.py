@@ -8,9 +8,9 @@ import bpy
 import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty
 
-from ...bridge.changes.maneuvers import Maneuvering, best_seen, inserted_at, scenario_id
-from ...bridge.objects.imported import class_of, copy_of, source_of
-from ...bridge.views.actors import ego_poses
+from ...bridge.changes.maneuvers import Maneuvering, Traffic, best_seen, inserted_at, scenario_id
+from ...bridge.objects.imported import class_of, copy_of, imported_objects, source_of
+from ...bridge.views.actors import ego_poses, neighbours
 from ...bridge.window import choose, chosen, drive, object_mode, refresh
 from ...core.actor_images.names import group_of
 from ...core.errors import UnisimError
@@ -18,6 +18,7 @@ from ...core.scenario.motion.maneuvers import FRONT_M
 from ...core.simulation.vehicle.parameters import Vehicle
 from ...editing.edits.maneuvers import ManeuverNote
 from ...editing.motion.braking import habits_of
+from ...editing.motion.placement import taken_by
 from ...editing.readers.maneuvers import maneuver_words
 from ...editing.sampled.clock import Clock
 from ...editing.texts import Text, series
@@ -71,6 +72,16 @@ FIRST: dict[str, list[dict[str, Any]]] = {
 PLATOON = {"gap_s": 1.2, "gap_m": 2.0}
 GROUND_M = 10.0
 """How far ahead of the ego vehicle the ground's height is taken for a new actor."""
+
+
+def traffic_of(obj: bpy.types.Object) -> Traffic:
+    """Return the ego vehicle and the other actors beside an actor."""
+    scene = bpy.context.scene
+    recorded = source_of(scene).drive
+    clock = Clock.of(recorded)
+    others = [other.name for other in imported_objects(scene, "ACTOR") if other != obj and not other.hide_render]
+    taken = taken_by(ego_poses(scene, recorded, clock), neighbours(scene, [obj], recorded, clock))
+    return Traffic(["Ego vehicle", *others], *taken)
 
 
 class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
@@ -214,11 +225,11 @@ class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
     def choose_numbers(self, before: Maneuvering, rounds: list[list[dict[str, Any]]]) -> None:
         """Set the numbers to the first that can be and that have room; a later round only where a former one has none that
         can be. Numbers that were given stay."""
-        faults = []
+        faults, traffic = [], traffic_of(before.obj)
         for numbers in rounds:
             free = [{k: v for k, v in each.items() if not self.properties.is_property_set(k)} for each in numbers]
             try:
-                best = before.first_clear([self.values(**each) for each in free])
+                best = before.first_clear([self.values(**each) for each in free], traffic)
             except UnisimError as fault:
                 faults.append(fault)
                 continue
@@ -271,7 +282,7 @@ class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
         note = ManeuverNote.of(obj.unisim.maneuvers)
         assert note is not None  # it was just noted
         said = series([obj.name, maneuver_words(note.edits(before.uid)[-1])], ": ")
-        overlap = before.first_overlap(actor)
+        overlap = before.first_overlap(actor, traffic_of(before.obj))
         if overlap is None:
             self.report({"INFO"}, localized(said))
         else:

@@ -1,9 +1,9 @@
 """All sensors over the frame range into a folder, in the background; and what a sequence left there."""
 
-import json
 import subprocess
 from collections.abc import Generator
 from pathlib import Path
+from typing import Any
 
 import bpy
 from bpy.props import EnumProperty
@@ -27,10 +27,6 @@ MIN_WIDTH = 8
 """The narrowest image that the command line renders, in pixels."""
 FILMS = ("film.mp4", "film.html")
 """Names of films in the folder of a sequence, as `unisim film` has them."""
-MOST_SENSORS = 32
-"""How many switches Blender can show in a menu."""
-_sensors: list[tuple[str, str, str, int]] = []
-"""The newest switches: Blender does not store them."""
 _shown: list[tuple[str, str, str]] = []
 """The newest menu's items: Blender does not store them."""
 
@@ -175,82 +171,41 @@ class FilmTask(Task):
 
     title = translatable("Film")
     hears = True
-    frames = 0
+    done = 0.0
     is_page = False
 
-    @property
-    def done(self) -> float:
-        """Frames that are finished."""
-        return float(self.frames)
-
-    def hear(self, line: str) -> None:
-        """Take what the command line says: how many of how many frames are done, or what was written."""
-        try:
-            event = json.loads(line)
-        except ValueError:
-            return  # cut off where the process was ended
-        if "file" in event:
-            self.is_page = event["page"]
-        else:
-            self.frames, self.total = event["done"], float(event["total"])
+    def hear(self, event: dict[str, Any]) -> None:
+        """Take how many of how many frames are done, or what was written."""
+        self.done, self.total = event.get("done", self.done), event.get("total", self.total)
+        self.is_page = event.get("file", "").endswith(".html")
 
     def measure(self) -> str:
         """Frames of how many; a page is said to be one."""
-        frames = message("{done} of {total} frames", done=self.frames, total=int(self.total))
+        frames = message("{done} of {total} frames", done=int(self.done), total=int(self.total))
         return message("{frames}, a page: imageio-ffmpeg is missing", frames=frames) if self.is_page else frames
 
 
-def sensors_of(scene: bpy.types.Scene) -> list[str]:
-    """Return the cameras and LiDARs of which the output folder holds a finished sequence."""
-    folder = known_folder(scene)
-    if folder is None or not (folder / "manifest.json").is_file():
-        return []
-    return [path.name for kind in ("camera", "lidar") for path in sorted((folder / kind).glob("*")) if path.is_dir()]
+def sequence_finished(context: bpy.types.Context) -> Need:
+    """The output folder holds a finished sequence."""
+    folder = known_folder(context.scene)
+    finished = folder is not None and (folder / "manifest.json").is_file()
+    return finished, "The output folder has no finished sequence yet: render one first"
 
 
-def sensor_items(self: bpy.types.Operator, context: bpy.types.Context) -> list[tuple[str, str, str, int]]:
-    """The sensors that a film can show, for a menu of switches."""
-    _sensors[:] = [
-        (name, name, "", 1 << number) for number, name in enumerate(sensors_of(context.scene)[:MOST_SENSORS])
-    ]
-    return _sensors
-
-
-class UNISIM_OT_make_film(bpy.types.Operator):
-    """Write a film of the finished sequence, in the background: cameras, and the LiDARs from above, side by side"""
+class UNISIM_OT_make_film(Needing, bpy.types.Operator):
+    """Write a film of the finished sequence, in the background: Sensors of it side by side, LiDARs from above"""
 
     bl_idname = "unisim.make_film"
     bl_label = "Make Film"
     bl_options = {"REGISTER"}
-
-    sensors: EnumProperty(
-        name="Sensors",
-        description="Cameras and LiDARs that the film shows",
-        items=sensor_items,
-        options={"ENUM_FLAG", "SKIP_SAVE"},
-    )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A sequence has to be finished, and nothing else be running."""
-        finished = sensors_of(context.scene), "The output folder has no finished sequence yet: render one first"
-        return allowed(cls, drive(context), folder_known(context), finished, nothing_runs(context))
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the sensors."""
-        self.sensors = {item[0] for item in sensor_items(self, context)}
-        return context.window_manager.invoke_props_dialog(self)
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw a switch for each sensor."""
-        self.layout.column(align=True).prop(self, "sensors")
+    needs = (drive, folder_known, sequence_finished, nothing_runs)
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the command line."""
-        folder = output_folder(context.scene)
-        shown = [name for name in sensors_of(context.scene) if not self.sensors or name in self.sensors]
-        task = FilmTask(["film", str(folder), "--json", *sensor_options(shown)], folder, 0.0, interpreter())
+        scene = context.scene
+        folder, sensors = output_folder(scene), output_sensors(scene, context.selected_objects, source_of(scene).drive)
+        task = FilmTask(["film", str(folder), "--json", *sensor_options(sensors)], folder, 0.0, interpreter())
         launch(task)
         if bpy.app.background and task.problem:
             raise UnisimError(task.problem)

@@ -37,7 +37,6 @@ def command(folder: Path, sensors: str | None, out: Path | None, as_json: bool) 
                 click.echo(json.dumps({"done": done, "total": total}))
 
         path = write_film(folder, split_names(sensors), out, count)
-    page = path.suffix == ".html"
-    click.echo(json.dumps({"file": str(path), "page": page}) if as_json else f"Film: {path}")
-    if page and out is None and not as_json:
+    click.echo(json.dumps({"file": str(path)}) if as_json else f"Film: {path}")
+    if path.suffix == ".html" and out is None:
         click.echo("It is a page, for imageio-ffmpeg is missing: pip install imageio-ffmpeg for MP4", err=True)
