@@ -15,7 +15,7 @@ from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.scene import Sampled, SampledObject
 
 RANDOM = np.random.default_rng(5)
-FRAMES_S: FloatArray = np.arange(80) / 10 + RANDOM.normal(0, 0.002, 80)
+FRAMES_S: FloatArray = np.arange(80) / 10 + RANDOM.normal(0, 0.0002, 80)
 
 
 def wandering(begins: int) -> Actor:
