@@ -25,7 +25,7 @@ def wandering(begins: int) -> Actor:
     places = np.stack([80 * np.sin(yaw), 80 - 80 * np.cos(yaw), 0 * yaw + 0.8], -1) + RANDOM.normal(
         0, 0.02, (len(yaw), 3)
     )
-    trajectory = Trajectory(times, places, quaternion_from_yaw(yaw + RANDOM.normal(0, 0.004, len(yaw))))
+    trajectory = Trajectory(times, places, quaternion_from_yaw(yaw + RANDOM.normal(0, 0.002, len(yaw))))
     return Actor("a", "Car", np.array([4.0, 2.0, 1.6]), trajectory, -0.25, 8.25, True, Appearance("a"))
 
 
@@ -45,7 +45,7 @@ def in_blender(actor: Actor, clock: Clock, left_m: float, ahead_m: float, later_
         inside = [np.interp(clock.frames, frames, column) for column in rounded(values).T]
         before, after = np.minimum(clock.frames - frames[0], 0), np.maximum(clock.frames - frames[-1], 0)
         slopes = np.diff(values, axis=0)[[0, -1]] / np.diff(frames)[[0, -1], None]
-        return np.stack(inside, -1) + np.outer(before, slopes[0]) + np.outer(after, slopes[1])
+        return np.asarray(np.stack(inside, -1) + np.outer(before, slopes[0]) + np.outer(after, slopes[1]))
 
     quaternions = at_frames(turns)
     poses = make_pose(at_frames(places), quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))

@@ -48,7 +48,7 @@ from ..texts import LOWER, Text, cased
 LATER_DIGITS, OFFSET_DIGITS, AHEAD_DIGITS = 4, 5, 2
 """Of a shift's seconds and metres: Blender's float32 keys tell no more."""
 SAME_LATER_S = 1e-3
-ALONG = 5.0
+ALONG = 8.0
 """By how much less what is shifted along a path agrees: keys turn between frames as numbers do."""
 
 
