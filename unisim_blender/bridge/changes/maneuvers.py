@@ -69,9 +69,7 @@ class Maneuvering:
         edit = placed.edit if isinstance(placed.edit, PLACED) else None
         note = ManeuverNote.of(seen.maneuvers) if placed.maneuvers else None
         uid = getattr(placed.edit, "id", getattr(placed.edit, "actor", ""))
-        return Maneuvering(
-            scene, obj, uid, placed.context, edit, note or ManeuverNote(path_members(placed.edit), ()), drive
-        )
+        return Maneuvering(obj, uid, placed.context, edit, note or ManeuverNote(path_members(placed.edit), ()), drive)
 
     def after(self, values: Values) -> tuple[Actor, ManeuverNote]:
         """Return the actor after one more maneuver, and its note. Raises `UnisimError` in words for the window."""
