@@ -6,14 +6,9 @@
 // cells behind surfaces are `solid`.
 #pragma once
 #include "field_tile.h"
+#include "one_ray.h"
 
 namespace {
-
-constexpr int CELLS = 2;
-// Evaluated points along each edge of a cell.
-constexpr int POINTS = 2;
-constexpr int BOX_CELLS = 16;
-enum : uint8_t { OPEN, SOLID, SURFACE };
 
 // The kind of a cell by the minimum and maximum of the distance at its points, which lie `gap` apart along an edge.
 inline uint8_t kind_of(float minimum, float maximum, float gap) {

@@ -6,10 +6,10 @@
 // An image is decoded in strips of columns and bands of rows. Each convolution has a ring buffer of the few input
 // rows in its kernel, and a row is computed when the next convolution needs it: intermediate maps never leave the
 // caches. Where a strip or band ends inside the image, the margin that the kernels cover is computed twice.
+#include "one_ray.h"
 #include "simd.h"
 #include "variant.h"
 
-#include <cmath>
 #if defined(__AVX512BF16__)
 #include <immintrin.h>
 #endif
@@ -149,28 +149,6 @@ void convolve(const Layer<E> &layer, const E *const *rows, int64_t stride, int c
                  layer.wide);
         }
     }
-}
-
-// Constants as in Sloan, "Stupid Spherical Harmonics Tricks", 2008, appendix A2.
-inline void spherical_harmonics(const float *direction, float *out) {
-    const float x = direction[0], y = direction[1], z = direction[2];
-    const float xx = x * x, yy = y * y, zz = z * z, xy = x * y, yz = y * z, xz = x * z;
-    out[0] = 0.28209479177387814f;
-    out[1] = -0.48860251190291987f * y;
-    out[2] = 0.48860251190291987f * z;
-    out[3] = -0.48860251190291987f * x;
-    out[4] = 1.0925484305920792f * xy;
-    out[5] = -1.0925484305920792f * yz;
-    out[6] = 0.94617469575755997f * zz - 0.31539156525251999f;
-    out[7] = -1.0925484305920792f * xz;
-    out[8] = 0.54627421529603959f * (xx - yy);
-    out[9] = 0.59004358992664352f * y * (-3.0f * xx + yy);
-    out[10] = 2.8906114426405538f * xy * z;
-    out[11] = 0.45704579946446572f * y * (1.0f - 5.0f * zz);
-    out[12] = 0.3731763325901154f * z * (5.0f * zz - 3.0f);
-    out[13] = 0.45704579946446572f * x * (1.0f - 5.0f * zz);
-    out[14] = 1.4453057213202769f * z * (xx - yy);
-    out[15] = 0.59004358992664352f * x * (-xx + 3.0f * yy);
 }
 
 // A perceptron of [feature, spherical harmonics of the direction, extra inputs], with ReLU between its layers.

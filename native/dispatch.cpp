@@ -14,6 +14,9 @@
 #define MEMBER(type, name, parameters, arguments) type(*name) parameters;
 
 UNISIM_KERNELS(DECLARE_portable)
+#ifdef UNISIM_HAS_CUDA_ON_CPU
+extern "C" decltype(unisim_trace_portable) unisim_trace_cuda_on_cpu;
+#endif
 #ifdef UNISIM_HAS_AVX2
 UNISIM_KERNELS(DECLARE_avx2)
 #endif
@@ -34,6 +37,13 @@ Variant choose() {
     (void)admits;
 #if defined(UNISIM_HAS_AVX2) || defined(UNISIM_HAS_AVX512)
     __builtin_cpu_init(); // this runs while the library is loaded, possibly before clang's runtime has called it
+#endif
+#ifdef UNISIM_HAS_CUDA_ON_CPU
+    if (wanted && std::strcmp(wanted, "cuda_on_cpu") == 0) {
+        Variant variant = {UNISIM_KERNELS(ENTRY_portable) "cuda_on_cpu"};
+        variant.trace = unisim_trace_cuda_on_cpu;
+        return variant;
+    }
 #endif
 #ifdef UNISIM_HAS_AVX512
     if (admits("avx512") && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&

@@ -11,42 +11,14 @@
 
 namespace {
 
-// An interval of a ray, metres, through consecutive cells that can stop it.
-struct Run {
-    float begin, end;
-};
-
 // -log Phi(s): the optical depth in front of a place where the distance is s; 0 where that is too small to be visible.
 inline simd_float optical_depth_at(const simd_float &s, float beta) {
     const simd_float a = -beta * s;
     return a < -12.0f ? simd_float{} : softplus(a);
 }
 
-// Where a ray is inside the cell that contains its point at t. Runs begin and end exactly there: outside such cells
-// the distance was not trained.
-inline Run cell_interval(const unisim_scene &scene, const float *o, const float *d, float t) {
-    const float size = scene.voxel_m / CELLS;
-    Run run{0, 3e38f};
-    for (int a = 0; a < 3; ++a) {
-        if (std::fabs(d[a]) < 1e-9f) continue;
-        const float low = std::floor((o[a] + t * d[a]) / size) * size;
-        const float first = (low - o[a]) / d[a], second = (low + size - o[a]) / d[a];
-        run.begin = std::max(run.begin, std::min(first, second));
-        run.end = std::min(run.end, std::max(first, second));
-    }
-    return run.begin < run.end ? run : Run{t, t};
-}
-
 // How many runs are found at a time: most rays are stopped in the first one.
 constexpr size_t RUNS = 2;
-// Bounds for any input, NaN and directions of length 0 included.
-constexpr float MAX_STEPS = 1e6f, MAX_BOX_STEPS = 1e4f;
-
-// How many steps of length `step` there are from t_near to t_far, at most `limit`; NaN gives `limit`.
-inline int32_t steps_between(float t_near, float t_far, float step, float limit) {
-    return t_far > t_near ? static_cast<int32_t>(std::min(limit, std::ceil((t_far - t_near) / step))) : 0;
-}
-
 // Finds the next RUNS runs through the volume's cells, or a few more, in steps of one cell from `next_step` on, which
 // is advanced. Runs are complete; there are none where the ray has no more. cleared(t) says whether solid cells count
 // at t, because a box that was emptied nearby may have exposed them.
@@ -172,31 +144,6 @@ inline void find_box_runs(const uint8_t *kinds, const float *o, const float *d, 
         last = i;
     }
     if (!out.empty()) out.back().end = std::min(out.back().end, t_far);
-}
-
-// Where a ray leaves free space and enters a solid, the surface lies in between: it was trained by samples on both
-// sides. Looks at `count` samples at `ts` with optical depths `depths`, `stride` apart. Sets `before` to the sample
-// that free space precedes and t to the nearest occupied place before that sample; returns false where there is none.
-inline bool find_face(const unisim_scene &scene, const float *o, const float *d, float t_near, const float *ts,
-                      const float *depths, int count, int stride, int &before, float &t) {
-    const float step = scene.voxel_m / 2;
-    for (int k = 0; k < count; ++k) {
-        if (depths[k * stride] < 0.05f) continue;
-        const float lowest = k ? ts[(k - 1) * stride] + step : t_near;
-        for (t = ts[k * stride] - step; t > lowest; t -= step) {
-            int64_t cell = 0;
-            for (int a = 0; a < 3; ++a) {
-                const float last = static_cast<float>(scene.voxel_shape[a] - 1);
-                const float x = std::min(std::max((o[a] + t * d[a]) / scene.voxel_m, 0.0f), last);
-                cell = cell * scene.voxel_shape[a] + static_cast<int64_t>(x);
-            }
-            if (!scene.voxels[cell]) continue;
-            before = k;
-            return true;
-        }
-        return false;
-    }
-    return false;
 }
 
 // Segments that are marched together, each with one sample per round. Sample k of segment p is number k * stride + p.

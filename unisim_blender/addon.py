@@ -47,10 +47,10 @@ ROOMS = (
     speed_overlay,
     gizmos,
     clouds,
-    notice_text,
     timeline,
     view_types,
     compare_view,
+    notice_text,
     engine,
     documentation,
 )

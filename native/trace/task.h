@@ -1,14 +1,9 @@
-// The inputs of a trace: scenes with their fields ready for evaluation, and transformations into a scene's
-// coordinates.
+// The inputs of a trace: scenes with their fields ready for evaluation.
 #pragma once
 #include "../field_tile.h"
+#include "../one_ray.h"
 
 namespace {
-
-// Samples and segments of a smaller weight get no normal, light or view-dependent feature.
-constexpr float MIN_WEIGHT = 1e-4f;
-// Samples of a smaller weight are left out of sums of features: a millionth of a feature changes none of its digits.
-constexpr float NEGLIGIBLE_WEIGHT = 1e-6f;
 
 struct SceneFields {
     const unisim_scene *scene;
@@ -42,26 +37,5 @@ struct Task {
     std::vector<SceneFields> fields;   // one per actor set, the scene's own first
     std::vector<int> first_instance;   // one per actor set: the number of its first actor; then of the first mesh actor
 };
-
-inline void transform(const double *m, const double *x, float *out) {
-    for (int a = 0; a < 3; ++a)
-        out[a] = static_cast<float>(m[4 * a] * x[0] + m[4 * a + 1] * x[1] + m[4 * a + 2] * x[2] + m[4 * a + 3]);
-}
-
-inline void turn(const double *m, const double *x, float *out) {
-    for (int a = 0; a < 3; ++a)
-        out[a] = static_cast<float>(m[4 * a] * x[0] + m[4 * a + 1] * x[1] + m[4 * a + 2] * x[2]);
-}
-
-// Height of the ground at (x, y), volume coordinates: bilinear between the centres of cells.
-inline float ground_at(const unisim_scene &s, float x, float y) {
-    const float u = std::fmin(std::fmax(x / s.ground_m - 0.5f, 0.0f), static_cast<float>(s.ground_shape[0] - 1));
-    const float v = std::fmin(std::fmax(y / s.ground_m - 0.5f, 0.0f), static_cast<float>(s.ground_shape[1] - 1));
-    const int i = static_cast<int>(u), j = static_cast<int>(v), wide = s.ground_shape[1];
-    const int ii = std::min(i + 1, s.ground_shape[0] - 1), jj = std::min(j + 1, wide - 1);
-    const float fu = u - static_cast<float>(i), fv = v - static_cast<float>(j);
-    return (1 - fu) * ((1 - fv) * s.ground[i * wide + j] + fv * s.ground[i * wide + jj]) +
-           fu * ((1 - fv) * s.ground[ii * wide + j] + fv * s.ground[ii * wide + jj]);
-}
 
 } // namespace

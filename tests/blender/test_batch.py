@@ -113,11 +113,10 @@ def test_a_batch_of_a_parameter_is_rendered_and_resumed(moved: Any, tmp_path: Pa
 def test_progress_counts_what_the_command_tells(addon: Any, tmp_path: Path) -> None:
     task = BatchTask([], tmp_path, "")
     assert (task.fraction, task.measure()) == (0.0, "Checking scenarios")
-    for event in (
+    events = (
         {"event": "start", "units": 4, "kept": 1},
         {"event": "unit", "failure": None},
         {"event": "unit", "failure": "the disk is full"},
-    ):
-        task.hear(json.dumps(event))
-    task.hear('{"event": "unit", "fail')
+    )
+    task._hear([*(json.dumps(event).encode() for event in events), b'{"event": "unit", "fail'])
     assert (task.done, task.fraction, task.measure()) == (3.0, 0.75, "3 of 4 units, 1 failed")

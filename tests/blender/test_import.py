@@ -112,11 +112,12 @@ def test_a_drop_that_fails_is_one_sentence(scene: Any, tmp_path: Path) -> None:
         path = tmp_path / name
         path.write_text("{}")
         with pytest.raises(RuntimeError, match=f"^Error: {path}: [^\n]*\n?$"):
-            bpy.ops.unisim.import_dropped("INVOKE_DEFAULT", filepath=str(path))
-    unknown = tmp_path / "unknown.gz"
+            bpy.ops.unisim.import_drive("INVOKE_DEFAULT", filepath=str(path))
+    unknown = tmp_path / "elsewhere" / "unknown.gz"
+    unknown.parent.mkdir()
     unknown.write_bytes(b"\x1f\x8b\xff\x00")
     with pytest.raises(RuntimeError, match=f"^Error: {unknown}: [^\n]*\n?$"):
-        bpy.ops.unisim.import_dropped("INVOKE_DEFAULT", filepath=str(unknown))
+        bpy.ops.unisim.import_drive("INVOKE_DEFAULT", filepath=str(unknown))
     assert not scene.objects
 
 
@@ -162,7 +163,7 @@ def test_a_scenario_beside_rendered_frames_is_no_log(scene: Any, tmp_path: Path)
         (tmp_path / folder).mkdir()
     text = (SAMPLE / "scenario.json").read_text().replace('"scene": "scene"', f'"scene": "{SAMPLE / "scene"}"')
     (tmp_path / "scenario.json").write_text(text)
-    assert bpy.ops.unisim.import_dropped(filepath=str(tmp_path / "scenario.json")) == {"FINISHED"}
+    assert bpy.ops.unisim.import_drive(filepath=str(tmp_path / "scenario.json")) == {"FINISHED"}
     assert Path(scene.unisim.scene) == SAMPLE / "scene" and read(scene).edits
 
 

@@ -52,7 +52,7 @@ def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 @pytest.fixture
 def imported(written: Any, scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Imported:
     monkeypatch.setenv("UNISIM_CACHE", str(tmp_path))
-    assert bpy.ops.unisim.import_dropped(filepath=str(written.dropped)) == {"FINISHED"}
+    assert bpy.ops.unisim.import_drive(filepath=str(written.dropped)) == {"FINISHED"}
     return Imported(written, bpy.context.scene)
 
 
@@ -172,7 +172,7 @@ def test_what_blenders_python_lacks_is_said_in_a_sentence(
     install_into("/home/her own/modules")
     try:
         with pytest.raises(RuntimeError) as told:
-            bpy.ops.unisim.import_dropped(filepath=str(written.dropped))
+            bpy.ops.unisim.import_drive(filepath=str(written.dropped))
     finally:
         install_into("")
     sentence, distribution = str(told.value).strip(), {"ncore": "nvidia-ncore"}.get(package, package)

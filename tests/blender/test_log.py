@@ -36,7 +36,7 @@ def test_a_log_is_dropped_by_any_of_its_files(scene: Any, street_log: Path) -> N
     assert len({path.parent for path in files}) > 2
     for path in files:
         bpy.ops.wm.read_factory_settings(use_empty=True)
-        assert bpy.ops.unisim.import_dropped(filepath=str(path)) == {"FINISHED"}
+        assert bpy.ops.unisim.import_drive(filepath=str(path)) == {"FINISHED"}
         assert source_of(bpy.context.scene).log_path == street_log, path
 
 

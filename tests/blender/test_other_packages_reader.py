@@ -48,7 +48,7 @@ assert ("CAMERA", "front_camera") in imported and ("ACTOR", "car-1") in imported
 bpy.ops.wm.read_factory_settings(use_empty=True)
 bpy.ops.preferences.addon_enable(module=name)
 assert not what_came_in()
-assert bpy.ops.unisim.import_dropped(filepath=log) == {"FINISHED"}
+assert bpy.ops.unisim.import_drive(filepath=log) == {"FINISHED"}
 assert what_came_in() == imported
 
 scene = bpy.context.scene

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
 import pytest
 
 from unisim_blender.features import sidebar
+from unisim_blender.features.drive import export_operators, import_operators
+from unisim_blender.operators import menus
 
 ROOT = Path(__file__).parents[2]
-WITHOUT_TASK = {"UNISIM_PT_tasks"}
+WITHOUT_TASK = {"UNISIM_PT_tasks", "UNISIM_PT_first_steps"}
 """Panels that every task has."""
 
 
@@ -43,7 +46,7 @@ def test_each_panel_belongs_to_a_task(street: Any) -> None:
 def test_without_a_drive_there_are_no_tasks(scene: Any) -> None:
     for task, *_ in sidebar.TASKS:
         bpy.context.window_manager.unisim_panels = task
-        assert [panel.__name__ for panel in panels() if panel.poll(bpy.context)] == ["UNISIM_PT_drive"]
+        assert [panel.__name__ for panel in panels() if panel.poll(bpy.context)] == ["UNISIM_PT_first_steps"]
     bpy.context.window_manager.property_unset("unisim_panels")
 
 
@@ -70,6 +73,54 @@ def test_a_number_that_files_have_as_zero_is_a_switch(
     assert getattr(group(), member) == 7
     setattr(group(), switch, False)
     assert getattr(group(), member) == 0
+
+
+class MenuLines:
+    """A layout that notes what menus draw, and those below them."""
+
+    def __init__(self, context: Any) -> None:
+        self.operators: set[str] = set()
+        self.context, self.layout, self.active, self.enabled = context, self, True, True
+
+    def operator(self, name: str, *_: Any, **__: Any) -> Any:
+        """An operator's line; what is set on it is lost."""
+        self.operators.add(name)
+        return SimpleNamespace()
+
+    operator_menu_enum = operator
+
+    def menu(self, name: str, **_: Any) -> None:
+        """The lines of a menu below."""
+        cls = getattr(bpy.types, name)
+        cls.draw(self, self.context)
+
+    def operator_enum(self, name: str, *_: Any, **__: Any) -> None:
+        """An operator's lines."""
+        self.operators.add(name)
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *_, **__: self
+
+
+ROW = (
+    "add_parameter compare_variant forget_model go_to go_to_edit hide_rollout import_log import_scenario import_scene "
+    "look_through mute_edit remove_parameter remove_rig revert_edit same_model show_sensor show_variant test_renderer "
+    "use_frame_range"
+)
+"""Operators of a row of a list or of the preferences, and those that Import Drive has become."""
+
+
+def test_the_menu_search_finds_all_operators(street: Any) -> None:
+    lines = MenuLines(bpy.context)
+    for draw in (
+        menus.draw_view_menu, menus.draw_object_menu, menus.draw_add_menu, menus.draw_render_menu,
+        import_operators.draw_menu, export_operators.draw_menu,
+    ):  # fmt: skip
+        draw(lines, bpy.context)
+    assert all(hasattr(bpy.types, f"UNISIM_OT_{name.partition('.')[2]}") for name in lines.operators)
+    every = [getattr(bpy.types, name) for name in dir(bpy.types) if name.startswith("UNISIM_OT_")]
+    wanted = {cls.bl_idname for cls in every if "INTERNAL" not in getattr(cls, "bl_options", ())}
+    assert wanted - lines.operators == {f"unisim.{name}" for name in ROW.split()}
 
 
 def test_all_that_can_be_pressed_is_described(addon: Any) -> None:

@@ -7,9 +7,15 @@ from types import SimpleNamespace
 from typing import Any
 
 import bpy
+import click
 import pytest
 
+from unisim_blender.core.cli.commands import render
+from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario, sequence_formats
+from unisim_blender.core.scenario.schema import scenario_schema
+from unisim_blender.core.scenario.types import FRAME_FORMATS
 from unisim_blender.editing.images import rendered as listing
+from unisim_blender.features.drive.export_operators import scenario_of
 from unisim_blender.features.operator_bases import nothing_runs
 from unisim_blender.features.output import operators as results
 from unisim_blender.features.sidebar import draw_task
@@ -106,6 +112,42 @@ def test_a_task_belongs_to_a_scene_of_a_file(street: Any, tmp_path: Path, monkey
     assert drawn(bpy.context.scene) == ("progress", "No task", False)
     bpy.ops.wm.open_mainfile(filepath=file)
     assert drawn(bpy.data.scenes["Scene"]) == ("progress", "Done: 0 of 4 frames", False)
+    background.newest.clear()
+
+
+def test_formats_are_those_of_the_command_line(street: Any, tmp_path: Path) -> None:
+    """The panel, the options and the scenario's schema name the same formats, the same by default."""
+    named = [item.identifier for item in street.unisim.bl_rna.properties["formats"].enum_items]
+    option = next(one for one in render.command.params if one.name == "formats")
+    assert isinstance(option.type, click.Choice) and named == [*FRAME_FORMATS, *option.type.choices]
+    assert named == scenario_schema()["$defs"]["outputs"]["properties"]["formats"]["items"]["enum"]
+    assert street.unisim.formats == set(FRAME_FORMATS)
+    _, prepared = plan_scenario(scenario_of(street, tmp_path / "a.json"), RenderOptions(width=32))
+    assert prepared.scenario.outputs is not None and prepared.scenario.outputs.formats is None
+    street.unisim.formats = {"png", "video", "mcap"}
+    plan, prepared = plan_scenario(scenario_of(street, tmp_path / "b.json"), RenderOptions(width=32))
+    assert plan.settings.formats == ("png",) and sequence_formats(prepared.scenario) == ("video", "mcap")
+    path = tmp_path / "c.json"
+    assert bpy.ops.unisim.export_scenario(filepath=str(path)) == {"FINISHED"}
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    assert bpy.ops.unisim.import_scenario(filepath=str(path)) == {"FINISHED"}
+    assert bpy.context.scene.unisim.formats == {"png", "video", "mcap"}
+
+
+def test_a_film_is_made_of_what_a_sequence_left(street: Any, tmp_path: Path) -> None:
+    street.unisim.out, street.unisim.sequence_width, street.unisim.quality = str(tmp_path / "out"), 32, "fast"
+    street.frame_start, street.frame_end = 4, 5
+    assert not bpy.ops.unisim.make_film.poll() and not bpy.ops.unisim.open_film.poll()
+    assert bpy.ops.unisim.render_sequence() == {"FINISHED"}
+    assert bpy.ops.unisim.make_film() == {"FINISHED"}
+    task = background.newest[results.FilmTask]
+    assert isinstance(task, results.FilmTask) and (task.done, task.total, task.problem) == (2.0, 2.0, "")
+    film = results.film_of(street)
+    assert film is not None and film.name in ("film.html", "film.mp4")
+    assert bpy.ops.unisim.open_film.poll()
+    (tmp_path / "out/camera/front_camera/000004.png").unlink()
+    with pytest.raises(RuntimeError, match="000004.png: is missing"):
+        bpy.ops.unisim.make_film()
     background.newest.clear()
 
 

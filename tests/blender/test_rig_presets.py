@@ -119,7 +119,7 @@ def test_recorded_sensors_that_were_deleted_come_back_as_recorded(street: Any, t
 
 
 def test_a_file_that_is_dropped_onto_the_window_is_put_on(street: Any, team: Path) -> None:
-    assert bpy.ops.unisim.import_dropped(filepath=str(team)) == {"FINISHED"}
+    assert bpy.ops.unisim.import_drive(filepath=str(team)) == {"FINISHED"}
     assert sensors(street) == ["ahead", "left", "roof"]
 
 

@@ -24,11 +24,20 @@ from unisim_blender.core.scenario import apply_scenario, load_scenario
 from unisim_blender.core.simulation.rollout.steps import read_steps
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.source import scene_actors
-from unisim_blender.editing.simulation.rollouts import options_path, read_rollout, rollout_name, variant_of
+from unisim_blender.editing.simulation.rollouts import (
+    COLUMNS,
+    best_values,
+    in_order,
+    listed_rollouts,
+    options_path,
+    read_rollout,
+    rollout_name,
+    variant_of,
+)
 from unisim_blender.editing.simulation.stated import count_steps
 from unisim_blender.features.drive.import_operators import UNISIM_OT_open_rollout
 from unisim_blender.features.simulation import panel as simulation
-from unisim_blender.features.simulation.operators import RolloutTask
+from unisim_blender.features.simulation.operators import RolloutTask, rollout_folders
 from unisim_blender.features.simulation.overlay import lines_now
 from unisim_blender.features.simulation.panel import rows_of
 from unisim_blender.features.simulation.properties import driver_of
@@ -274,8 +283,8 @@ def test_a_view_never_draws_a_rollout_with_another_engine(street: Any, rolled: P
 
 def steps_of(folder: Path) -> Any:
     """What the operator's steps need of it."""
-    own = SimpleNamespace(directory=str(folder), timer=None, report=lambda *_: None)
-    for name in ("run", "bring_in", "bring_in_edited"):
+    own = SimpleNamespace(filepath="", directory=str(folder), timer=None, report=lambda *_: None)
+    for name in ("run", "parts", "bring_in", "bring_in_edited"):
         setattr(own, name, getattr(UNISIM_OT_open_rollout, name).__get__(own))
     return own
 
@@ -298,6 +307,38 @@ def test_rollouts_of_rollouts_are_named_alike(tmp_path: Path) -> None:
     assert variant_of(folder) == folder.name == "My scene Driver 12"  # the command line's may be named so, too
     options_path(folder).touch()
     assert variant_of(folder) == "My scene"
+
+
+def test_rollouts_are_listed_with_their_scores(street: Any, tmp_path: Path) -> None:
+    street.unisim_simulation.out = str(tmp_path)
+    assert not bpy.ops.unisim.compare_rollouts.poll()
+    values = {"Scene idm 2": (0, 3.0), "Scene idm 10": (1, 0.5), "Scene log 1": None}
+    for name, scores in values.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "steps.jsonl").write_text("{}\n" * 3)
+        if scores is not None:
+            document = {"driver": "idm", "duration_s": 4.0, "collision": {"count": scores[0], "first_s": 1.5 * scores[0] or None},
+                        "time_to_collision": {"minimum_s": scores[1]}, "pdms": {"score": 0.5}}  # fmt: skip
+            (tmp_path / name / "scores.json").write_text(json.dumps(document))
+    rows = in_order(listed_rollouts(rollout_folders(street)), -1)
+    assert [(row.folder.name, row.driver, row.end) for row in rows] == [
+        ("Scene idm 2", "idm", "To its end: 4.0 s"),
+        ("Scene idm 10", "idm", "Collision at 1.5 s"),
+        ("Scene log 1", "", "Stopped after 2 steps"),
+    ]
+    assert best_values(rows)[:3] == ["0", "3.0 s", ""]  # PDMS is the same for both: none is the best
+    ttc = [column.title for column in COLUMNS].index("Least TTC")
+    assert [row.folder.name for row in in_order(rows[::-1], ttc)] == ["Scene idm 2", "Scene idm 10", "Scene log 1"]
+    bpy.ops.unisim.hide_rollout(name="Scene idm 10")
+    assert {folder.name for folder in rollout_folders(street)} == {"Scene idm 2", "Scene log 1"}
+    bpy.ops.unisim.hide_rollout(name="")
+    assert len(rollout_folders(street)) == 3
+
+
+def test_every_column_is_a_score_that_is_written(rolled: Path) -> None:
+    scores = json.loads((rolled / "scores.json").read_text())
+    for column in COLUMNS:
+        assert column.key in scores[column.member], column.title
 
 
 def test_collisions_and_ttc_are_markers(scene: Any, rolled: Path, tmp_path: Path) -> None:
@@ -457,7 +498,7 @@ def test_the_panel_shows_settings_parameters_and_scores(street: Any, rolled: Pat
     street.unisim_simulation.others.kind_of_others = "cut_in"
     found = drawn_panels()
     assert {"seed", "quality", "out", "cut_in_gap_m", "unisim.simulate", "No rollout yet"} <= set(found)
-    assert "function" not in found and "keys" not in found and "show_plans" not in found
+    assert "keys" not in found
     bpy.context.active_object.unisim_model.kind = "scripted"
     about = street.unisim_simulation
     about.choice, about.document, about.scored = "MODULE", '{"rates": {}}', str(rolled)

@@ -25,10 +25,14 @@ def sets_here() -> tuple[str, ...]:
     return VARIANTS[: VARIANTS.index(native.variant()) + 1] if native.library() is not None else ()
 
 
+GPU_ON_CPU = "cuda_on_cpu"
+"""The variant of the kernels that traces as a GPU does."""
+
+
 def run_with(name: str, script: str, *arguments: object) -> None:
     """Run a script, which finds the tests' modules, with the kernels of one set; the test is skipped where
     that does not run."""
-    if name not in sets_here():
+    if name not in (*sets_here(), GPU_ON_CPU) or native.library() is None:
         pytest.skip(f"this processor or build has no {name}")
     here = Path(__file__).parent
     start = START.format(folders=[str(here.parent / part) for part in ("support", "core", "reference")], name=name)

@@ -218,6 +218,8 @@ def within_distance() -> Iterator[float]:
     ego = next(o for o in scene.objects if o.unisim.kind == "EGO").matrix_world.translation
     actors = [o for o in scene.objects if o.unisim.kind == "ACTOR" and not o.hide_viewport]
     away = {o.name: (o.matrix_world.translation - ego).length for o in actors}
+    yield from press("unisim_actors.is_near", columns=(0.49, 0.51, 0.53))
+    assert filtering.within_m == 50.0, "the switch of the distance does not turn it on"
     yield from place_of("unisim_actors.within_m", columns=(0.75,))
     yield from to(*found_at[0])
     yield 0.2

@@ -279,11 +279,11 @@ TASK_OF = (
     (r"unisim_simulation|unisim\.simulate|drive_on|rollout|model", ("SIMULATE",)),
     (r"cancel_task|batch|parameter|open_report", ("SIMULATE", "RENDER")),
     (
-        r"show_(ways|sensors|timeline|recorded|simulated|points)|unisim_view|points_|recorded_|unsupported|import_",
+        r"show_(ways|sensors|timeline|recorded|simulated|points)|unisim_view|points_|recorded_|unsupported|import_|drops=|birds_eye",
         ("VIEW",),
     ),
     (
-        r"render_seq|open_output|play_result|export_scen|\.train|make_lib|quality|passes|sequence_|unisim\.out",
+        r"render_seq|open_output|play_result|_film|export_scen|\.train|make_lib|quality|passes|sequence_|unisim\.out",
         ("RENDER",),
     ),
 )

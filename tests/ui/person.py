@@ -24,8 +24,8 @@ REACH = 10
 
 
 def first_import() -> Iterator[float]:
-    """File > Import > Trained Neural Scene in Blender's default file, with the file browser."""
-    yield from menu_entry("trained neural")
+    """File > Import of a trained scene in Blender's default file, with the file browser."""
+    yield from menu_entry("scenario or rollout")
     yield from choose_path(SCENE)
     scene = bpy.context.scene
     yield from until(

@@ -10,7 +10,8 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
 from buttons import open_panel, press
-from hands import middle, sidebar, to
+from edit_panel import module
+from hands import click, key, middle, mouse, sidebar, to
 from heart import heart
 from session import OUT, area, inside, results, screenshot, start, until, view, wait_for_image
 from simulate import prepared
@@ -49,6 +50,59 @@ def opened_again() -> Iterator[float]:
     yield from until(lambda: bpy.context.scene.unisim_simulation.rollout, "the rollout is not opened", 120)
     yield 3.0
     results["scenes"] = [scene.name for scene in bpy.data.scenes]
+    assert results["scenes"] == [names["first"], names["opened"]]
+
+
+def at_work(limit_s: float = 300.0) -> Iterator[float]:
+    """Wait until the task that was just begun has ended well."""
+    running = module("process.background").running
+    yield from until(lambda: running, "no task begins", 60)
+    yield from until(lambda: not running, f"the task does not end: {told()}", limit_s)
+    assert told().startswith("Done"), told()
+    yield 1.0
+
+
+def compared() -> Iterator[float]:
+    """A second rollout, of the first one's scene, and Compare Rollouts: a tooltip, an order, a cross, one opened."""
+    bpy.context.scene.unisim_simulation.choice = "constant"
+    yield from press("unisim.simulate()")
+    yield from at_work()
+    folders = sorted(path.name for path in (OUT.parent / "rollouts").iterdir() if path.is_dir())
+    assert folders == ["Scene constant 1", "Scene idm 1"], folders
+    yield from press("unisim.compare_rollouts")
+    yield 2.0
+    x, y = mouse
+    for aside in (-90, -100):
+        yield from to(x + aside, y - 9)
+        yield 2.0
+    screenshot("rollouts_compared_tooltip")
+    yield from click()
+    yield 2.0
+    screenshot("rollouts_compared_sorted")
+    yield from key("ESC")
+    yield 0.5
+
+
+def filmed() -> Iterator[float]:
+    """A short sequence, then Make Film."""
+    scene = bpy.context.scene
+    about = scene.unisim
+    about.out, about.quality, about.sequence_width, about.sequence_sensors = (
+        str(OUT.parent / "filmed"),
+        "fast",
+        240,
+        "ALL",
+    )
+    scene.frame_start, scene.frame_end = 0, 5
+    bpy.context.window_manager.unisim_panels = "RENDER"
+    yield 0.5
+    yield from press("unisim.render_sequence()")
+    yield from at_work()
+    yield from press("unisim.make_film", columns=(0.3,))
+    yield from at_work()
+    results["film"] = told()
+    assert module("features.output.operators").film_of(scene) is not None
+    screenshot("film_done")
 
 
 def other_file() -> Iterator[float]:
@@ -89,6 +143,8 @@ def steps() -> Iterator[float]:
         ("rollouts_simulated", simulated),
         ("rollouts_opened", opened),
         ("rollouts_opened_again", opened_again),
+        ("rollouts_compared", compared),
+        ("rollouts_filmed", filmed),
         ("rollouts_other_file", other_file),
     ):
         yield from task(name, todo)

@@ -57,6 +57,7 @@ SESSIONS = {
     "rigs": ["--enable-event-simulate"],
     "compare": ["--enable-event-simulate"],
     "layouts": ["--enable-event-simulate"],
+    "importing": ["--enable-event-simulate"],
     "first_image": ["--enable-event-simulate"],
 }
 """What each file's Blender is started with besides; the one with simulated events hears no others."""
@@ -103,6 +104,8 @@ def main(
     place_scene(root, inner)
     if "sequences" in chosen:
         shutil.copytree(synthetic("small", "3", "96", "54"), work / "small")
+    if "importing" in chosen:
+        shutil.copytree(os.environ.get("UNISIM_UI_LOG") or street(), work / "log")
     if "layouts" in chosen:
         shutil.copytree(street_layouts(), work / "layouts")
         shutil.copytree(log_packages(root), work / "packages")

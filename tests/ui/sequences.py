@@ -89,9 +89,9 @@ def opened_file() -> Iterator[float]:
 
 
 def log_alone() -> Iterator[float]:
-    """File > Import > Driving Log of a log without a trained scene, and its sequence from the panel."""
+    """File > Import of a log without a trained scene, and its sequence from the panel."""
     yield from new_file()
-    yield from menu_entry("driving log")
+    yield from menu_entry("scenario or rollout")
     yield from choose_path(SMALL_LOG, folder=True)
     scene = bpy.context.scene
     yield from until(

@@ -3,6 +3,7 @@ button says why it is grey."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -14,11 +15,62 @@ from ..translations import localized, tooltip
 from .objects.imported import imported_objects
 from .objects.trajectories import trajectory_of
 
+FRAME_MARGIN = 8
+"""Space around the frame of a camera that fills a view, in pixels."""
+
 
 def areas(*kinds: str) -> Iterator[bpy.types.Area]:
     """Yield the areas of some kinds, in all windows; of any kind without."""
     for window in bpy.context.window_manager.windows:
         yield from (area for area in window.screen.areas if not kinds or area.type in kinds)
+
+
+def show_tab(area: bpy.types.Area, category: str) -> bool:
+    """Open the sidebar of a 3D view on a tab; return whether it is shown. Blender knows the tabs once the sidebar has been
+    drawn."""
+    area.spaces.active.show_region_ui = True
+    region = next(region for region in area.regions if region.type == "UI")
+    try:
+        region.active_panel_category = category
+    except (AttributeError, TypeError):  # it has not been drawn
+        area.tag_redraw()
+        return False
+    region.tag_redraw()
+    return True
+
+
+def fit_camera_view(area: bpy.types.Area) -> None:
+    """Make the camera's frame as large as what headers, toolbar and sidebar leave free of a 3D view."""
+    scene, looks = bpy.context.scene, area.spaces.active.region_3d
+    window = next(region for region in area.regions if region.type == "WINDOW")
+    left, bottom, right, top = 0, 0, window.width, window.height
+    for region in area.regions:
+        x, y = region.x - window.x, region.y - window.y
+        if (
+            region == window
+            or min(region.width, region.height) <= 1
+            or not (0 <= x < window.width and 0 <= y < window.height)
+        ):
+            continue
+        if region.alignment == "LEFT":
+            left = max(left, x + region.width)
+        elif region.alignment == "RIGHT":
+            right = min(right, x)
+        elif region.alignment == "TOP":
+            top = min(top, y)
+    render = scene.render
+    wide, high = render.resolution_x * render.pixel_aspect_x, render.resolution_y * render.pixel_aspect_y
+    frame = min((right - left - 2 * FRAME_MARGIN) / wide, (top - bottom - 2 * FRAME_MARGIN) / high)
+    fit = scene.camera.data.sensor_fit
+    drawn, whole = (high, window.height) if fit == "VERTICAL" else (wide, window.width)
+    if fit == "AUTO":
+        drawn, whole = max(wide, high), max(window.width, window.height)
+    scale = max(frame * drawn / whole, 0.01)
+    looks.view_camera_zoom = 50 * (2 * math.sqrt(scale) - math.sqrt(2))
+    middle = (left + right - window.width) / 2, (bottom + top - window.height) / 2
+    looks.view_camera_offset = [
+        -apart / (2 * scale * size) for apart, size in zip(middle, (window.width, window.height), strict=True)
+    ]
 
 
 def redraw(*kinds: str) -> None:

@@ -103,14 +103,15 @@ def text_row(layout: Any, otherwise: str, owner: Any, name: str) -> None:
     layout.prop(owner, name, **({"placeholder": interface(otherwise)} if bpy.app.version >= (4, 3, 0) else {}))
 
 
-def draw_task(layout: Any, scene: bpy.types.Scene, kind: type[Task]) -> None:
-    """Draw how far a scene's newest task of a kind is, and a cross that ends it, in a row that is always there; where it
-    runs for another file or scene, for which."""
-    task = newest.get(kind)
+def draw_task(layout: Any, scene: bpy.types.Scene, *kinds: type[Task]) -> None:
+    """Draw how far a scene's newest task of some kinds is, and a cross that ends it, in a row that is always there; where
+    it runs for another file or scene, for which."""
+    begun = [newest[kind] for kind in kinds if kind in newest]
+    task = max(begun, key=lambda one: (one.running, is_own(one, scene), one.started_s), default=None)
     own = task is not None and is_own(task, scene)
     row = layout.row(align=True)
     if task is not None and task.running and not own:
-        row.label(text=localized(what_runs() or ""), translate=False, icon="TIME")
+        row.label(text=localized(what_runs() or ""), translate=False)
     elif task is not None and own:
         row.progress(factor=task.fraction_shown, text=task.line)
     else:

@@ -1,6 +1,6 @@
 """Panels, in the order in which the sidebar has them."""
 
-from ..features import check, ego, sidebar, training
+from ..features import check, ego, first_steps, sidebar, training
 from ..features.actor_list import panel as actor_list
 from ..features.actors import panel as actors
 from ..features.batch import panel as batch
@@ -15,6 +15,7 @@ from . import statusbar
 
 MODULES = (
     sidebar,
+    first_steps,
     drive,
     actor_list,
     actors,

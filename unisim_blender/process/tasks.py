@@ -13,10 +13,11 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Container
+from collections.abc import Container, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO
+from typing import Any
 
 from ..core.sequence.records import finished_moments
 from ..core.world.captures import CaptureKey
@@ -60,7 +61,7 @@ class Task:
     trains = False
     """Whether it takes an interpreter that can train."""
     hears = False
-    """Whether it takes the lines that the command prints, by `hear`."""
+    """Whether it takes the JSON objects that the command prints, a line each, by `hear`."""
 
     def start(self) -> None:
         """Begin; returns at once."""
@@ -124,12 +125,13 @@ class Task:
             process.send_signal(signal.SIGTERM if sys.platform == "win32" else signal.SIGINT)
             threading.Thread(target=_end, args=(process,), daemon=True).start()
 
-    def hear(self, line: str) -> None:
-        """Take a line that the command printed."""
+    def hear(self, event: dict[str, Any]) -> None:
+        """Take an object that the command printed."""
 
-    def _hear(self, lines: IO[bytes] | None) -> None:
+    def _hear(self, lines: Iterable[bytes] | None) -> None:
         for line in lines or ():
-            self.hear(line.decode(errors="replace"))
+            with suppress(ValueError):  # cut off where the process was ended
+                self.hear(json.loads(line))
 
     def _run(self) -> None:
         self.code = self._call(self.arguments)

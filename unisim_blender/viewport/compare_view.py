@@ -4,27 +4,28 @@ that has images flicker."""
 from __future__ import annotations
 
 import sys
-from typing import Any
+from typing import Any, NamedTuple
 
-import blf
 import bpy
 
 from ..bridge.window import areas
+from ..editing.layout.overlays import Rectangle
 from ..editing.texts import Text
 from ..process.preparation import PREPARATION
 from ..registering import Drawing, add, take_away
 from ..translations import localized
 from .comparison import FLICKER_S, IMAGES, difference_of
 from .options import options_of
+from .overlay_layout import GROUND, fill, ground_size, in_rows, overlay_layout, write_rows
 
 GRAB_PX = 8
 """Distance from the split's line within which the mouse grabs it."""
-TEXT_PX, GAP_PX = 13, 8
-LINE, TEXT, SHADE, HATCH = (1.0, 1.0, 1.0, 0.9), (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.55), (1.0, 0.15, 0.15, 1.0)
+GAP_PX, HATCH_PX = 8, 20
+LINE, TEXT, HATCH = (1.0, 1.0, 1.0, 0.9), (1.0, 1.0, 1.0, 1.0), (1.0, 0.15, 0.15, 1.0)
 RECORDED, RENDERED = Text("recorded"), Text("rendered")
 STANDS_IN, PRELIMINARY = Text("Recorded image, not rendered"), Text("Preliminary image")
-BAR, BAR_PX = (0.3, 0.6, 1.0, 1.0), (320, 6)
-"""Colour, and width and height, of progress bars."""
+BAR, BAR_PX = (0.3, 0.6, 1.0, 1.0), 6
+"""Colour and height of progress bars."""
 UNSUPPORTED = Text("Unsupported: nothing recorded shows this")
 
 
@@ -61,82 +62,91 @@ def draw() -> None:
         return
     scale = context.preferences.system.ui_scale
     mode, options = view.comparison.mode, options_of(context.space_data)
-    left, bottom, width, height = view.rectangle
-    right, top = min(left + width, context.region.width), min(bottom + height, context.region.height)
-    left, low = max(left, 0), max(bottom, 0)
     if mode == "FLICKER" and not bpy.app.timers.is_registered(_turn):
         bpy.app.timers.register(_turn, first_interval=FLICKER_S)
-    at_y = low + GAP_PX * scale
-    if view.stands_in or view.preliminary:
-        at_y = _preparation(view, (left + right) / 2, at_y, scale)
+    image = shown_image(context, view)
+    if image.width < 1 or image.height < 1:
+        return
+    gap, labels = GAP_PX * scale, preparation_labels(view)
     if mode == "SPLIT":
         x = line_at(context.region, options.split) or 0.0
-        _rectangle(x - scale, low, x + scale, top, LINE)
-        _rectangle(x - 4 * scale, (low + top) / 2 - 20 * scale, x + 4 * scale, (low + top) / 2 + 20 * scale, LINE)
-        _label(RECORDED, x - GAP_PX * scale, at_y, scale, from_right=True)
-        _label(RENDERED, x + GAP_PX * scale, at_y, scale)
+        low, high = clear_line(context, image, x)
+        fill(x - scale, low, x + scale, high, LINE)
+        fill(x - 4 * scale, (low + high) / 2 - 20 * scale, x + 4 * scale, (low + high) / 2 + 20 * scale, LINE)
+        for text, side in ((RECORDED, -1), (RENDERED, 1)):
+            width = ground_size([localized(text)], scale)[0]
+            begin = x + gap if side > 0 else x - gap - width
+            if begin >= image.left and begin + width <= image.right:
+                labels.append(ImageLabel(text, begin))
     elif mode != "RENDERED" and not view.stands_in:
         shown = {"FLICKER": RECORDED if view.comparison.turn else RENDERED, "RECORDED": RECORDED}
-        text = shown.get(mode) or view.comparison.metrics or difference_of(options.gain)
-        _label(text, (left + right) / 2, at_y, scale, centred=True)
-    elif options.mode != "RENDERED" and not view.problem:
-        _label(view.comparison.lacks, (left + right) / 2, at_y, scale, centred=True)
+        labels.append(ImageLabel(shown.get(mode) or view.comparison.metrics or difference_of(options.gain)))
+    elif options.mode != "RENDERED" and not view.problem and view.comparison.lacks:
+        labels.append(ImageLabel(view.comparison.lacks))
     if options.unsupported and mode in ("RENDERED", "SPLIT", "FLICKER"):
-        labelled = mode != "RENDERED" or options.mode != "RENDERED"
-        _legend((left + right) / 2, at_y + (2 * TEXT_PX * scale if labelled else 0.0), scale)
+        labels.append(ImageLabel(UNSUPPORTED, hatched=True))
+    _write(context, image, labels, scale)
 
 
-def _preparation(view: Any, x: float, y: float, scale: float) -> float:
-    """Draw what stands in for the finished image, and how far that is, with the middle at x; return where it ends."""
-    recorded = view.stands_in and not view.comparison.lacks
-    line = TEXT_PX * scale + 2 * GAP_PX * scale
+class ImageLabel(NamedTuple):
+    """A text at the lower edge of an image: from a left edge, or centred above the others; ``hatched``: with a piece of
+    what it is about; ``fraction``: with a bar of what is done."""
+
+    text: str
+    left: float | None = None
+    hatched: bool = False
+    fraction: float | None = None
+
+
+def preparation_labels(view: Any) -> list[ImageLabel]:
+    """Return what stands in for a view's finished image, and how far that is."""
+    recorded, labels = view.stands_in and not view.comparison.lacks, []
+    if not (view.stands_in or view.preliminary):
+        return []
     if PREPARATION.active or PREPARATION.stopped or PREPARATION.problem:
-        half, height = BAR_PX[0] * scale / 2, BAR_PX[1] * scale
-        _rectangle(x - half, y, x + half, y + height, SHADE)
-        _rectangle(x - half, y, x - half + 2 * half * PREPARATION.fraction, y + height, BAR)
-        y += height + GAP_PX * scale
-        _label(PREPARATION.text, x, y, scale, centred=True)
-        y += line
+        labels.append(ImageLabel(PREPARATION.text, fraction=PREPARATION.fraction))
     if recorded or view.preliminary:
-        _label(STANDS_IN if recorded else PRELIMINARY, x, y, scale, centred=True)
-        y += line
-    return y
+        labels.append(ImageLabel(STANDS_IN if recorded else PRELIMINARY))
+    return labels
 
 
-def _legend(x: float, y: float, scale: float) -> None:
-    """Say what hatching means, with the middle at x."""
-    size, gap = TEXT_PX * scale, GAP_PX * scale
-    blf.size(0, size)
-    begin = x - (blf.dimensions(0, localized(UNSUPPORTED))[0] + size + gap) / 2
-    _rectangle(begin - gap, y - 4 * scale, begin + size + gap, y + size + 2 * scale, SHADE)
-    for i in range(3):
-        _rectangle(begin + (i + 0.15) * size / 3, y, begin + (i + 0.65) * size / 3, y + size, HATCH)
-    _label(UNSUPPORTED, begin + size + gap, y, scale)
+def shown_image(context: bpy.types.Context, view: Any) -> Rectangle:
+    """Return the part of a view's image that no region covers."""
+    left, bottom, width, height = view.rectangle
+    free = overlay_layout(context).free
+    return Rectangle(
+        max(left, free.left), max(bottom, free.bottom), min(left + width, free.right), min(bottom + height, free.top)
+    )
 
 
-def _rectangle(x0: float, y0: float, x1: float, y1: float, colour: tuple[float, ...]) -> None:
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
-    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
-    batch = batch_for_shader(shader, "TRI_STRIP", {"pos": ((x0, y0), (x1, y0), (x0, y1), (x1, y1))})
-    gpu.state.blend_set("ALPHA")
-    shader.uniform_float("color", colour)
-    batch.draw(shader)
-    gpu.state.blend_set("NONE")
+def clear_line(context: bpy.types.Context, image: Rectangle, x: float) -> tuple[float, float]:
+    """Return from what to what height the split's line at a place is drawn and taken hold of: where no overlay lies."""
+    low, high = overlay_layout(context).clear(x - GRAB_PX, x + GRAB_PX)
+    return min(max(low, image.bottom), image.top), min(high, image.top)
 
 
-def _label(text: str, x: float, y: float, scale: float, from_right: bool = False, centred: bool = False) -> None:
-    """Write on a dark ground that begins at (x, y), ends there, or has its middle there."""
-    text = localized(text)
-    blf.size(0, TEXT_PX * scale)
-    width, height = blf.dimensions(0, text)
-    x -= width if from_right else width / 2 if centred else 0.0
-    pad = 4 * scale
-    _rectangle(x - pad, y - pad, x + width + pad, y + height + pad, SHADE)
-    blf.color(0, *TEXT)
-    blf.position(0, x, y, 0)
-    blf.draw(0, text)
+def _write(context: bpy.types.Context, image: Rectangle, labels: list[ImageLabel], scale: float) -> None:
+    """Write labels into an image, above the overlays there."""
+    layout, gap, above, floor, beside = overlay_layout(context), GAP_PX * scale, image.bottom, image.bottom, False
+    for text, left, is_hatched, fraction in labels:
+        floor = floor if beside and left is not None else above
+        beside = left is not None
+        piece = HATCH_PX * scale if is_hatched else 0.0
+        rows = in_rows([localized(text)], image.width - piece, scale)
+        width, height = ground_size(rows, scale)
+        begin = (image.left + image.right - width - piece) / 2 if left is None else left
+        low = max(floor, layout.clear(begin, begin + width + piece)[0]) + gap
+        if fraction is not None:
+            fill(begin, low, begin + width, low + BAR_PX * scale, GROUND)
+            fill(begin, low, begin + fraction * width, low + BAR_PX * scale, BAR)
+            low += BAR_PX * scale
+        write_rows(rows, begin + piece, low + height, scale, TEXT)
+        above = max(above, low + height)
+        if is_hatched:
+            fill(begin, low, begin + piece, low + height, GROUND)
+            for i in range(3):
+                x = begin + (5 + 5 * i) * scale
+                fill(x, low + 5 * scale, x + 3 * scale, low + height - 5 * scale, HATCH)
 
 
 class UNISIM_GT_split(bpy.types.Gizmo):
@@ -149,9 +159,11 @@ class UNISIM_GT_split(bpy.types.Gizmo):
 
     def test_select(self, context: bpy.types.Context, location: Any) -> int:
         """Return 0 where the mouse is on the line, -1 elsewhere."""
-        at = line_at(context.region, options_of(context.space_data).split)
-        near = at is not None and abs(location[0] - at) <= GRAB_PX * context.preferences.system.ui_scale
-        return 0 if near else -1
+        at, view = line_at(context.region, options_of(context.space_data).split), drawn_view(context.region)
+        if at is None or abs(location[0] - at) > GRAB_PX * context.preferences.system.ui_scale:
+            return -1
+        low, high = clear_line(context, shown_image(context, view), at)
+        return 0 if low <= location[1] <= high else -1
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Take hold of the line."""

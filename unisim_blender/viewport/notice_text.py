@@ -1,8 +1,7 @@
-"""Sentences about what a 3D view cannot show, written over its upper edge; stripes over a frame outside the drive."""
+"""Sentences about what a 3D view cannot show, written in its upper part; stripes over a frame outside the drive."""
 
 from __future__ import annotations
 
-import blf
 import bpy
 
 from ..bridge.importing.backgrounds import sees_recorded_image
@@ -17,10 +16,10 @@ from ..editing.sensors.sweeps import RECORDED
 from ..editing.texts import Text
 from ..registering import Drawing
 from ..translations import localized
+from .compare_view import drawn_view
+from .overlay_layout import LINE_PX, ground_size, in_rows, overlay_layout, write_rows
 from .view_types import looks_through
 
-SIZE, LINE, TOP = 12.0, 18.0, 70.0
-"""Height of the text, from line to line, and from the view's upper edge, in points of an ordinary display."""
 COLOUR = (1.0, 0.82, 0.35, 1.0)
 SHADE, STRIPE = (0.0, 0.0, 0.0, 0.35), (0.6, 0.6, 0.6, 0.16)
 """Over a view of a frame outside the drive that the engine does not draw, and in stripes over that."""
@@ -38,18 +37,23 @@ def draw() -> None:
     try:
         source = source_of(scene)
         lines = [localized(line) for line in notices(scene, source, camera, through)]
+        view = drawn_view(region) if rendered else None
+        if view is not None:
+            lines += [text for text in (view.problem, view.warning) if text]
         outside = outside_drive(frame_of(scene), source.drive)
     except (UnisimError, OSError):
         return  # the panel says so
     scale = context.preferences.system.ui_scale
     if outside and not rendered:  # the engine marks its images itself, without overlays and in F12, too
         _stripe(region.width, region.height, BAND_PX * scale)
-    blf.size(0, SIZE * scale)
-    blf.color(0, *COLOUR)
-    for row, line in enumerate(lines):
-        width, _ = blf.dimensions(0, line)
-        blf.position(0, (region.width - width) / 2, region.height - (TOP + LINE * row) * scale, 0.0)
-        blf.draw(0, line)
+    box = overlay_layout(context).notices
+    rows = in_rows(lines, box.width, scale)
+    fit = max(1, int(box.height // (LINE_PX * scale)))
+    if len(rows) > fit:
+        rows = [*rows[: fit - 1], rows[fit - 1] + " …"]
+    if rows:
+        width, _ = ground_size(rows, scale)
+        write_rows(rows, (box.left + box.right - width) / 2, box.top, scale, COLOUR)
 
 
 def _stripe(width: int, height: int, band: float) -> None:

@@ -117,26 +117,25 @@ def test_names_are_the_class_in_the_singular_and_a_number_by_id() -> None:
 
 
 def test_every_class_has_a_group() -> None:
-    labels = [
-        "Car",
-        "Pickup Truck",
-        "Medium-sized Truck",
-        "Bus",
-        "Pedestrian with Object",
-        "Motorcycle",
-        "Cones",
-        "Other Vehicle - Pedicab",
-    ]
-    assert [group_of(label) for label in labels] == [
-        "CAR",
-        "CAR",
-        "TRUCK",
-        "TRUCK",
-        "PERSON",
-        "CYCLE",
-        "OTHER",
-        "CYCLE",
-    ]
+    groups = {
+        "CAR": "Car, Pickup Truck, Other Vehicle - Uncommon, REGULAR_VEHICLE, vehicle.car, Van, TYPE_VEHICLE, Vehicle, "
+        "automobile, other_vehicle, car, van",
+        "TRUCK": "Medium-sized Truck, Semi-truck, Towed Object, Bus, Train, Trolley, Tram / Subway, Emergency Vehicle, "
+        "Other Vehicle - Construction Vehicle, LARGE_VEHICLE, BOX_TRUCK, TRUCK_CAB, VEHICULAR_TRAILER, ARTICULATED_BUS, "
+        "RAILED_VEHICLE, vehicle.bus.bendy, vehicle.truck, vehicle.construction, vehicle.emergency.police, Tram, "
+        "LargeVehicle, heavy_truck, train_or_tram_car, trolley_bus, semitrailer, truck",
+        "CYCLE": "Motorcycle, Bicycle, Other Vehicle - Pedicab, Personal Mobility Device, Motorized Scooter, "
+        "WHEELED_DEVICE, WHEELED_RIDER, MOTORCYCLIST, BICYCLIST, vehicle.bicycle, human.pedestrian.personal_mobility, "
+        "Cyclist, TYPE_CYCLIST, rider, motorbike",
+        "PERSON": "Pedestrian, Pedestrian with Object, PEDESTRIAN, OFFICIAL_SIGNALER, STROLLER, WHEELCHAIR, "
+        "human.pedestrian.construction_worker, human.pedestrian.wheelchair, Person_sitting, TYPE_PEDESTRIAN, person, "
+        "stroller, wheelchair",
+        "OTHER": "Cones, Animals - Bird, Signs, Construction Signs, CONSTRUCTION_BARREL, DOG, MESSAGE_BOARD_TRAILER, "
+        "MOBILE_PEDESTRIAN_CROSSING_SIGN, movable_object.trafficcone, static_object.bicycle_rack, TYPE_SIGN, Misc, "
+        "protruding_object, animal",
+    }
+    for group, labels in groups.items():
+        assert {label: group_of(label) for label in labels.split(", ")} == dict.fromkeys(labels.split(", "), group)
 
 
 def standing(uid: str, x: float, y: float, size: tuple[float, ...] = (4.5, 1.9, 1.5)) -> Actor:

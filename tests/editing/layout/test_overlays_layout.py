@@ -16,7 +16,7 @@ from unisim_blender.editing.layout.overlays import (
 )
 
 SIZES = [(300, 300), (377, 420), (620, 480), (800, 260), (1300, 730), (1920, 1080), (3840, 2160), (300, 2000)]
-WANTED = {"timeline": (0.0, 260.0), "graph": (440.0, 214.0), "legend": (210.0, 150.0)}
+WANTED = {"timeline": (318.0, 260.0), "graph": (440.0, 214.0), "legend": (210.0, 150.0)}
 
 
 def regions(width: float, height: float, scale: float) -> list[tuple[str, Rectangle]]:
@@ -71,6 +71,8 @@ def test_a_small_view_shows_the_graph_or_the_timeline() -> None:
     assert set(laid_out((620, 480), 1.0, ("graph",)).overlays) == {"graph"}
     assert set(laid_out((620, 480), 1.0, ("timeline",)).overlays) == {"timeline"}
     assert laid_out((620, 480), 1.0, ()).overlays == {}
+    narrow = lay_out_overlays(Rectangle(50, 0, 376, 400), 1.0, {name: WANTED[name] for name in ("timeline", "graph")})
+    assert set(narrow.overlays) == {"graph"}, "there is no room for a timeline, but one for the graph"
 
 
 def test_a_line_is_clear_of_what_it_crosses() -> None:

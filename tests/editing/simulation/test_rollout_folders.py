@@ -15,11 +15,11 @@ from unisim_blender.core.simulation.rollout.steps import RolloutStep, append_ste
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.simulation.vehicle.actions import Control, Plan
 from unisim_blender.editing.layout.trails import plan_lines
+from unisim_blender.editing.sampled.source import is_rollout
 from unisim_blender.editing.simulation.rollouts import (
     count_steps,
     folder_for,
     folder_of,
-    is_rollout,
     moments_of,
     options_of,
     options_path,

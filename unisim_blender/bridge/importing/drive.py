@@ -16,15 +16,26 @@ from ...editing.layout.shapes import DISPLAY_M
 from ...editing.reading.scenario import edited_ids
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import optical, same
-from ...editing.sampled.source import DriveSource
+from ...editing.sampled.source import DriveSource, ImportOptions
 from ...editing.sensors.mounts import lag, lidar_json, recorded_mount
 from ..objects.animation import write_presence, write_trajectory
-from ..objects.imported import as_imported, box_mesh, collection_of, has_drive, imported_objects, make, source_of
+from ..objects.imported import (
+    as_imported,
+    box_mesh,
+    collection_of,
+    has_drive,
+    imported_objects,
+    make,
+    skip_sensors,
+    skipped_sensors,
+    source_of,
+)
 from ..objects.sensors import camera_model_of, set_model
-from ..objects.trajectories import free, local_matrix, ride, set_on_trajectory, settle_on
+from ..objects.trajectories import free, local_matrix, remove, ride, set_on_trajectory, settle_on
 from ..sampling.from_keys import sample_steps
 from .backgrounds import set_background
 
+EVERYTHING = ImportOptions()
 ASIDE_COLLECTION = "Not in the drive"
 """The collection of what a new file of Blender's brings."""
 DEFAULT_OBJECTS = {"Cube": (0.0, 0.0, 0.0), "Light": (4.0762, 1.0055, 5.9039), "Camera": (7.3589, -6.9258, 4.9583)}
@@ -43,28 +54,36 @@ class ImportStep(NamedTuple):
     draw: bool = False
 
 
-def import_source(scene: bpy.types.Scene, source: DriveSource) -> Iterator[ImportStep]:
-    """Put a source's drive into a scene. What is returned does it step by step: whoever runs it may stop, and
-    say how far it is.
+def import_source(
+    scene: bpy.types.Scene, source: DriveSource, options: ImportOptions = EVERYTHING
+) -> Iterator[ImportStep]:
+    """Put a source's drive into a scene, or the parts of it in ``options``. What is returned does it step by step: whoever
+    runs it may stop, and say how far it is.
 
     Where the scene holds the drive already, what was edited stays as it is, and the rest is brought up to date. Raises
-    `UnisimError` in the first step where it holds another drive.
+    `UnisimError` in the first step where it holds another drive, or where ``options`` do not fit the drive.
     """
+    skipped, frames = options.of_drive(source.drive, skipped_sensors(scene))
     edited: set[str] = set()
     first = not has_drive(scene)
     if not first:
         edited = yield from _edited(scene, source)
     drive, about = source.drive, scene.unisim
+    skipped -= edited
     actors = [drive.actors[uid] for uid in sorted(set(drive.actors) - edited)]
-    cameras = [camera for name, camera in drive.cameras.items() if name not in edited]
-    lidars = [lidar for name, lidar in drive.lidars.items() if name not in edited]
+    cameras = [camera for name, camera in drive.cameras.items() if name not in edited | skipped]
+    lidars = [lidar for name, lidar in drive.lidars.items() if name not in edited | skipped]
     total = 2 + len(cameras) + len(lidars) + len(actors)
     done = 0
     about.trajectories = True
     about.log, about.scene = str(source.log_path), str(source.scene_path or "")
     about.origin = json.dumps(drive.world_origin.tolist())
     clock, names = Clock.of(drive), names_at_import(source)
-    set_time(scene, clock)
+    set_time(scene, clock, frames or (None if first else (scene.frame_start, scene.frame_end, scene.frame_step)))
+    for kind, uid in [(kind, uid) for kind in ("CAMERA", "LIDAR") for uid in skipped]:
+        if (obj := as_imported(scene, kind, uid)) is not None:
+            remove(obj)
+    skip_sensors(scene, skipped)
     if first:
         scene.frame_set(scene.frame_start)
         for kind in ("EGO", "ACTOR", "CAMERA", "TRAJECTORY"):  # in the outliner, what people use comes first
@@ -100,6 +119,7 @@ def import_sensors(scene: bpy.types.Scene, source: DriveSource, names: set[str])
     for name, lidar in source.drive.lidars.items():
         if name in names:
             _lidar(scene, source.drive, lidar, ego, clock)
+    skip_sensors(scene, skipped_sensors(scene) - names)
 
 
 def front_camera(scene: bpy.types.Scene) -> bpy.types.Object | None:
@@ -160,12 +180,14 @@ def fit_resolution(scene: bpy.types.Scene) -> None:
     render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, ratio), max(1.0, 1 / ratio)
 
 
-def set_time(scene: bpy.types.Scene, clock: Clock) -> None:
-    """Frame n is the log's frame n, at the log's rate."""
+def set_time(scene: bpy.types.Scene, clock: Clock, frames: tuple[int, int, int] | None = None) -> None:
+    """Frame n is the log's frame n, at the log's rate; ``frames`` are the first, the last and the step, all of them
+    without."""
     rate = clock.rate
     whole = max(1, round(rate))
     scene.render.fps, scene.render.fps_base = whole, whole / rate
-    scene.frame_start, scene.frame_end = int(clock.frames[0]), int(clock.frames[-1])
+    every = int(clock.frames[0]), int(clock.frames[-1]), scene.frame_step
+    scene.frame_start, scene.frame_end, scene.frame_step = frames or every
     scene.frame_set(min(max(scene.frame_current, scene.frame_start), scene.frame_end))
 
 

@@ -4,7 +4,7 @@ the scene was imported from."""
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 import bpy
 import numpy as np
@@ -72,6 +72,16 @@ def has_drive(scene: bpy.types.Scene) -> bool:
     """Whether a drive was imported into a scene: one made by New Scene > Copy Settings has the settings and no
     objects."""
     return bool(scene.unisim.log) and any(obj.unisim.kind in KINDS_OF_DRIVE for obj in scene.objects)
+
+
+def skipped_sensors(scene: bpy.types.Scene) -> frozenset[str]:
+    """Return the recorded sensors that were not imported into a scene."""
+    return frozenset(json.loads(scene.unisim.skipped_sensors or "[]"))
+
+
+def skip_sensors(scene: bpy.types.Scene, names: Collection[str]) -> None:
+    """Note which recorded sensors are not imported into a scene."""
+    scene.unisim.skipped_sensors = json.dumps(sorted(names)) if names else ""
 
 
 def collection_of(scene: bpy.types.Scene, kind: str) -> bpy.types.Collection:
@@ -188,7 +198,7 @@ def source_of(scene: bpy.types.Scene) -> DriveSource:
     """The source of a Blender scene. Raises `NotImported` where nothing was imported into it."""
     about = scene.unisim
     if not has_drive(scene):
-        raise NotImported(f'scene "{scene.name}": no drive was imported into it: File > Import > Driving Log')
+        raise NotImported(f'scene "{scene.name}": no drive was imported into it: File > Import')
     return open_source(bpy.path.abspath(about.log), bpy.path.abspath(about.scene) if about.scene else "")
 
 

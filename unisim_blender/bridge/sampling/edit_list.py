@@ -17,7 +17,7 @@ from ...editing.reading.scenario import BY_ID, GROUP_OF, group_lines
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled, SampledObject
 from ...editing.texts import unpacked
-from ..objects.imported import KINDS_OF_DRIVE, imported_objects, source_of
+from ..objects.imported import KINDS_OF_DRIVE, imported_objects, skipped_sensors, source_of
 from .adjacent_frames import moved_by_keys
 from .from_keys import Sampler, evaluated
 from .stepping import shown_names, static_items
@@ -192,7 +192,8 @@ def _lines(
     key: GroupKey, sampled: list[SampledObject], drive: Drive, clock: Clock, scene: bpy.types.Scene
 ) -> Iterator[EditLine]:
     """Yield the lines of a group."""
-    return group_lines(*key, Sampled(scene.name, clock, tuple(sampled), static_items(scene)), drive)
+    read = Sampled(scene.name, clock, tuple(sampled), static_items(scene), skipped_sensors(scene))
+    return group_lines(*key, read, drive)
 
 
 def renamed(before: str, after: str) -> None:

@@ -19,7 +19,7 @@ from ...editing.motion.keys import SAME
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled, SampledObject, Scaling, rigid, scaling_of
 from ..objects.animation import curves_of, keyed_values
-from ..objects.imported import KINDS_OF_DRIVE, imported_objects, title_of
+from ..objects.imported import KINDS_OF_DRIVE, imported_objects, skipped_sensors, title_of
 from ..objects.trajectories import trajectory_of
 from .adjacent_frames import evaluate_beside, moved_by_keys
 from .stepping import completed, depsgraph_of, described, image_size, refuse_stretching, shown_names, static_items
@@ -38,6 +38,8 @@ OWN_PROPERTIES = (
     "called",
     "called_as",
     "scale_lift_m",
+    "row",
+    "maneuvers",
 )
 KEYABLE_PROPERTIES = ("location", "rotation_quaternion", "rotation_euler", "scale")
 DELTA_PROPERTIES = ("delta_location", "delta_rotation_euler", "delta_rotation_quaternion", "delta_scale")
@@ -221,7 +223,7 @@ def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[StepsDone, N
     for obj in objects:
         sampled.append(completed(sampler.sample(obj, *beside.get(obj.name, ())), obj, lambda: depsgraph_of(scene)))
         yield (done := done + 1), total
-    return Sampled(scene.name, clock, tuple(sampled), static_items(scene))
+    return Sampled(scene.name, clock, tuple(sampled), static_items(scene), skipped_sensors(scene))
 
 
 def by_keys_alone(obj: bpy.types.Object) -> bool:

@@ -20,8 +20,15 @@ from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import CHANGING, Sampled, SampledObject, Scaling, rigid, scaling_of
 from ...editing.sampled.source import DriveSource
 from ..objects.animation import keys_hide, scale_changes
-from ..objects.imported import KINDS_OF_DRIVE, imported_objects, look_scene_of, sees_body, title_of
-from ..objects.meshes import extent_of, mesh_model_of
+from ..objects.imported import (
+    KINDS_OF_DRIVE,
+    imported_objects,
+    look_scene_of,
+    sees_body,
+    skipped_sensors,
+    title_of,
+)
+from ..objects.meshes import extent_of, mesh_model_of, size_of
 from ..objects.sensors import camera_model_of
 from ..objects.trajectories import span_of
 
@@ -71,7 +78,7 @@ def sample(
     for i, obj in enumerate(objects):
         scaling = Scaling() if obj.unisim.mesh else scaling_of(matrices[i], poses[i], there[i])
         sampled.append(completed(described(obj, poses[i], there[i], scaling, size), obj, lambda: depsgraph))
-    return Sampled(scene.name, clock, tuple(sampled), static_items(scene))
+    return Sampled(scene.name, clock, tuple(sampled), static_items(scene), skipped_sensors(scene))
 
 
 def static_items(scene: bpy.types.Scene) -> dict[str, str]:
@@ -102,6 +109,11 @@ def described(
         called=title_of(obj),
         sees_body=sees_body(obj),
         span=span_of(obj),
+        row=about.row,
+        maneuvers=about.maneuvers,
+        size_m=tuple(size_of(obj).tolist())
+        if about.kind == "ACTOR" and (about.maneuvers or not about.mesh)
+        else (0.0, 0.0, 0.0),
     )
 
 

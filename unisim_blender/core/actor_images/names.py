@@ -3,12 +3,27 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
+from ..data.classes import motion_of
 from ..world.drive import Actor
 
 VAGUE = ("other", "uncommon")
 """Last words of a class that say less than the words before them."""
+
+
+GROUP_WORDS = tuple(
+    (group, word)
+    for group, words in (
+        ("CYCLE", "bicycl motorcycl motorbike cyclist scooter mobility pedicab rider wheeled"),
+        ("PERSON", "pedestrian person people human signaler stroller wheelchair"),
+        ("CAR", "pickup"),
+        ("TRUCK", "truck bus train tram trolley rail trailer towed construction emergency large"),
+        ("CAR", "car auto van vehicle"),
+    )
+    for word in words.split()
+)
+"""Groups of classes by parts of the datasets' and OpenSCENARIO's names; the first that a name has counts."""
 
 
 def class_name(label: str) -> str:
@@ -45,18 +60,7 @@ def readable_names(actors: Mapping[str, Actor], words: Mapping[str, str]) -> dic
 
 def group_of(label: str) -> str:
     """Return the group of a class: "CAR", "TRUCK", "PERSON", "CYCLE" or "OTHER"."""
+    if motion_of(label) == "still":
+        return "OTHER"
     words = label.lower()
-
-    def has(these: Iterable[str]) -> bool:
-        return any(word in words for word in these)
-
-    if has(("pedestrian", "person", "people")):
-        return "PERSON"
-    if has(("bicycle", "motorcycle", "scooter", "mobility", "pedicab", "cyclist")):
-        return "CYCLE"
-    if (
-        has(("truck", "bus", "train", "tram", "trailer", "towed", "construction vehicle", "emergency"))
-        and "pickup" not in words
-    ):
-        return "TRUCK"
-    return "CAR" if has(("car", "pickup", "van", "vehicle")) else "OTHER"
+    return next((group for group, word in GROUP_WORDS if word in words), "OTHER")

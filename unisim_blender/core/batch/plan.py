@@ -16,11 +16,11 @@ from ..export.formats import RUN_FORMATS, check_sequence_formats, rendered_drive
 from ..json_file import json_bytes
 from ..memo import memo_scope
 from ..output.frame_files import labels_digest
-from ..prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions, plan_scenario, scenario_hash, sequence_formats
+from ..prepare.scenario_plan import RenderOptions, plan_scenario, scenario_hash, sequence_formats
 from ..remote.copies import Copy, copies_used
 from ..render.code_identity import code_identity
 from ..scenario.simulation import SimulationSpec
-from ..scenario.types import Scenario
+from ..scenario.types import SEQUENCE_FORMATS, Scenario
 from ..scenes.recipe import environment
 from ..scenes.scene import OpenScenes, other_scenes
 from ..sequence.manifest import LABELS

@@ -95,6 +95,4 @@ def _rectangle(image: ImageMessage, pose: Node, size_m: Any) -> list[float] | No
     return [left, top, right - left, bottom - top]
 
 
-COCO = RunFormat(
-    "coco", "COCO's annotations of the images: boxes of actors", "coco.json", (), ("png", "labels"), write_coco
-)
+COCO = RunFormat("coco", "coco.json", (), ("png", "labels"), write_coco)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from itertools import islice
 from pathlib import Path
 from typing import Protocol
@@ -139,9 +139,13 @@ def drive_in(path: Path) -> Path:
 def drives_in(path: Path) -> list[Path]:
     """Return the recorded drives in a folder, by name: itself where it is one, else those up to two levels below. Folders that
     `unisim render` wrote are none. Of a folder with very many entries only a part is searched."""
-    if reader_of(path) is not None:
-        return [path]
-    drives: list[Path] = []
+    return [path] if reader_of(path) is not None else folders_below(path, lambda folder: reader_of(folder) is not None)
+
+
+def folders_below(path: Path, matches: Callable[[Path], object]) -> list[Path]:
+    """Return the folders up to two levels below one that match, by name; neither what `unisim render` wrote nor what lies in
+    it or in a match."""
+    matching: list[Path] = []
     level, left = [path], SEARCHED_FOLDERS
     for _ in range(SEARCH_DEPTH):
         folders = [folder for parent in level for folder in _folders(parent)][:left]
@@ -150,8 +154,8 @@ def drives_in(path: Path) -> list[Path]:
         for folder in folders:
             if (folder / "drive.json").is_file():  # rendered frames, which lie as PandaSet's do
                 continue
-            (level if reader_of(folder) is None else drives).append(folder)
-    return sorted(drives)
+            (matching if matches(folder) else level).append(folder)
+    return sorted(matching)
 
 
 def _folders(path: Path) -> list[Path]:

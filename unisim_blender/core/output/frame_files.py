@@ -28,6 +28,7 @@ from ..files import partial_file, write_file
 from ..formats.rendered import camera_path, labels_path, lidar_path
 from ..geometry import FloatArray, Trajectory, invert_pose, quaternion_from_matrix, transform_points
 from ..json_file import json_bytes
+from ..scenario.types import FRAME_FORMATS as FORMATS
 from ..sensors.frames import CameraFrame, LidarFrame
 from ..sensors.lidar import column_azimuths
 from ..world.captures import Capture, Moment
@@ -91,9 +92,6 @@ def write_exr(path: Path, frame: CameraFrame, metadata: dict[str, Any]) -> None:
     with partial_file(path) as temporary:
         OpenEXR.File(header, exr_channels(frame)).write(str(temporary))
 
-
-FORMATS = ("png", "exr", "ply", "npz", "labels")
-"""Formats that a frame is written in by default."""
 
 POINT_FIELDS = np.dtype(
     [

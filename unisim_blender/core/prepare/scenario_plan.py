@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ScenarioError, UnisimError
-from ..output.frame_files import FORMATS
 from ..render.code_identity import code_identity
 from ..scenario import scenario_to_json
 from ..scenario.times import carried_outside, parse_times, scenario_times_us, with_times
-from ..scenario.types import Outputs, Scenario
+from ..scenario.types import FRAME_FORMATS, SEQUENCE_FORMATS, Outputs, Scenario
 from ..scenes.recipe import RendererRecipe, RenderMethod, environment, scenes_of
 from ..scenes.scene import OpenScenes, Scene, capability_warnings
 from ..sensors.error_bound import ErrorBound
@@ -24,9 +23,6 @@ from ..world.drive import Drive
 from .renderers import UNTRAINED_DEFAULT, renderer_of, renderers_with
 from .scenario import PreparedScenario, prepare_scenario
 from .selection import check_names, select_frames
-
-SEQUENCE_FORMATS = ("pandaset", "video", "mcap", "rosbag", "coco")
-"""Formats that are made of a whole sequence, after its frames."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +117,7 @@ def _settings(prepared: PreparedScenario, options: RenderOptions, method: Render
         lidars=tuple(name for name in drive.lidars if name in sensors),
         # rgb is always there: it is what the image's files hold
         passes=tuple(name for name in CAMERA_PASSES if name in passes or name == "rgb"),
-        formats=tuple(name for name in FORMATS if name in (outputs.formats or FORMATS)),
+        formats=tuple(name for name in FRAME_FORMATS if name in (outputs.formats or FRAME_FORMATS)),
         width=options.width or outputs.width,
         quality=options.quality or outputs.quality or "balanced",
         device=options.device,

@@ -38,6 +38,24 @@ class StreetLog:
     street: dict[str, float | str]
 
 
+FRAME_FORMATS = {
+    "png": "images, sRGB",
+    "exr": "images with all passes, linear",
+    "ply": "returns of sweeps, as points",
+    "npz": "returns of sweeps, as NumPy arrays",
+    "labels": "boxes of actors, as JSON",
+}
+"""Formats of frames, which are all written by default, and what they are."""
+SEQUENCE_FORMATS = {
+    "pandaset": "a log in PandaSet's layout",
+    "video": "a film of every camera",
+    "mcap": "one MCAP file that Foxglove and Rerun open",
+    "rosbag": "a ROS 2 bag, which needs no ROS to be written",
+    "coco": "COCO's annotations of the images: boxes of actors",
+}
+"""Formats that are made of a whole sequence, after its frames, and what they are."""
+
+
 @dataclass(frozen=True)
 class Outputs:
     """Settings of the outputs that are written; None leaves the choice to the renderer."""
@@ -118,9 +136,7 @@ DEFS: dict[str, Schema] = {
             },
             "formats": {
                 "type": "array",
-                "items": {
-                    "enum": ["png", "exr", "ply", "npz", "labels", "pandaset", "video", "mcap", "rosbag", "coco"]
-                },
+                "items": {"enum": [*FRAME_FORMATS, *SEQUENCE_FORMATS]},
                 "uniqueItems": True,
             },
             "width": PIXELS,

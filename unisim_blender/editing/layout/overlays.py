@@ -12,10 +12,11 @@ EDGE_PX, GAP_PX = 12.0, 8.0
 """From the view's edges, and between two overlays; this and what follows on an ordinary display."""
 BELOW_PX, TEXT_PX = 36.0, 62.0
 """Heights in which Blender has the settings of the last operation, at the bottom, and its own text, at the top left."""
-GIZMOS_PX = (106.0, 225.0)
+GIZMOS_PX = (106.0, 208.0)
 """Width and height of Blender's gizmos at the top right."""
-LOWER, TIMELINE = 0.68, 0.34
-"""Shares of the free height that the overlays below the notices have at most, and the timeline alone."""
+LOWER, TIMELINE, LOW_TIMELINE = 0.68, 0.34, 0.19
+"""Shares of the free height that the overlays below the notices have at most, the timeline alone, and the timeline below
+others."""
 LEAST_TIMELINE_PX = 70.0
 GRAPH_SCALES = (1.0, 0.9, 0.8, 0.7, 0.6)
 """Sizes in which a graph is drawn; without room for the smallest, it is left out."""
@@ -84,13 +85,18 @@ def free_part(width: float, height: float, regions: Iterable[tuple[str, Rectangl
 def lay_out_overlays(
     free: Rectangle, scale: float, wanted: Mapping[str, tuple[float, float]], gizmos: bool = True
 ) -> OverlayLayout:
-    """Return where the overlays are: ``wanted`` has the width and height of "timeline", "graph" and "legend", at a scale of
-    1, of those that are shown. The timeline is as wide as the view, and lower where there is less room; the graph is
-    smaller then, or left out, and then the legend. ``gizmos``: whether Blender draws its own at the top right."""
+    """Return where the overlays are: ``wanted`` has width and height, at a scale of 1, of "timeline", "graph" and "legend" as
+    far as they are shown. The timeline is as wide as the view, at least its width, and lower where there is less room; the
+    graph is smaller then, or left out, and then the legend. ``gizmos``: whether Blender draws its own at the top right."""
     low, high = free.bottom + BELOW_PX * scale, free.bottom + LOWER * free.height
     gap, cut = GAP_PX * scale, GIZMOS_PX[0] * scale if gizmos else 0.0
     corner = Rectangle(free.right - cut, free.top - GIZMOS_PX[1] * scale, free.right, free.top)
-    most_px = min(wanted.get("timeline", (0.0, 0.0))[1] * scale, TIMELINE * free.height)
+    if wanted.get("timeline", (0.0, 0.0))[0] * scale > free.width - 2 * gap:
+        wanted = {name: size for name, size in wanted.items() if name != "timeline"}
+    most_px = min(
+        wanted.get("timeline", (0.0, 0.0))[1] * scale,
+        (TIMELINE if set(wanted) <= {"timeline"} else LOW_TIMELINE) * free.height,
+    )
     least_px = min(most_px, LEAST_TIMELINE_PX * scale)
     overlays: dict[str, Rectangle] = {}
     sizes = [(size, "legend" in wanted) for size in GRAPH_SCALES if "graph" in wanted]

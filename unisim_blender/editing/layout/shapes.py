@@ -16,7 +16,7 @@ COLOURS = {
     "car": CAR, "truck": TRUCK, "bus": TRUCK, "pedestrian": PERSON, "bicycle": CYCLE, "motorcycle": CYCLE,
     "cone": (0.95, 0.60, 0.05), "sign": (0.75, 0.70, 0.15),
     # of other datasets than PandaSet: a REGULAR_VEHICLE and a TYPE_VEHICLE are cars
-    "trailer": TRUCK, "cyclist": CYCLE, "person": PERSON, "human": PERSON, "van": CAR, "_vehicle": CAR,
+    "trailer": TRUCK, "cyclist": CYCLE, "person": PERSON, "human": PERSON, "van": CAR, "auto": CAR, "_vehicle": CAR,
 }  # fmt: skip
 """By a word of the class, linear RGB; the first that it has."""
 OTHER_COLOUR = (0.35, 0.55, 0.45)

@@ -12,31 +12,18 @@ import numpy as np
 from ...core.colour import srgb_from_linear
 from ..actors.table import Entry, nearest_present
 from ..texts import Text, counted
+from .overlays import Rectangle
 from .shapes import class_colour
 
-ROW_PX, AXIS_PX, NAMES_PX, EDGE_PX, BELOW_PX = 16.0, 20.0, 150.0, 8.0, 36.0
-"""Heights of a row and of the axis, width of the names, and the distances from the view's sides and from below, where
-Blender has the settings of the last operation; on an ordinary display."""
-MOST = 0.38
-"""Fraction of the view's height that the timeline takes at most."""
+ROW_PX, AXIS_PX, NOW_PX, NAMES_PX, EDGE_PX = 16.0, 20.0, 16.0, 150.0, 8.0
+"""Heights of a row, of the axis and of the time above it, width of the names, and distance of the bars from the edge; on
+an ordinary display."""
 LEAST_PX = 160.0
 """A timeline with bars shorter than this is not drawn."""
 SHORTEST_PX = 3.0
 """Smallest length of a bar, so that one frame is seen."""
 TICKS_S = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0)
 TICK_PX = 60.0
-
-
-@dataclass(frozen=True)
-class TimelineRoom:
-    """Space in a 3D view for the timeline: from left to right and from the bottom to the top, in pixels of its
-    region, and how large a pixel of an ordinary display is."""
-
-    left: float
-    right: float
-    bottom: float
-    top: float
-    scale: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -108,22 +95,27 @@ class Timeline:
         return [number * step for number in range(first, int(np.floor(self.end_s / step + 1e-6)) + 1)]
 
 
-def fitting_rows(room: TimelineRoom) -> int:
-    """Return how many rows fit."""
-    height = MOST * (room.top - room.bottom) - (AXIS_PX + BELOW_PX) * room.scale
-    return max(0, int(height // (ROW_PX * room.scale)))
+def size_of(count: int) -> tuple[float, float]:
+    """Return the least width and the height of a timeline with a number of rows, at a scale of 1."""
+    return NAMES_PX + LEAST_PX + EDGE_PX, ROW_PX * max(count, 1) + AXIS_PX + NOW_PX
 
 
-def lay_out(room: TimelineRoom, entries: Sequence[Entry], scroll: int, start_s: float, end_s: float) -> Timeline | None:
-    """Return the timeline of as many entries as fit, from row ``scroll`` on; None where there is no room for any."""
-    fit, scale = fitting_rows(room), room.scale
-    left, right = room.left + EDGE_PX * scale, room.right - EDGE_PX * scale
+def fitting_rows(box: Rectangle, scale: float) -> int:
+    """Return how many rows a rectangle holds."""
+    return max(0, int((box.height - (AXIS_PX + NOW_PX) * scale + 1e-6) // (ROW_PX * scale)))
+
+
+def lay_out(
+    box: Rectangle, scale: float, entries: Sequence[Entry], scroll: int, start_s: float, end_s: float
+) -> Timeline | None:
+    """Return the timeline of as many entries as a rectangle holds, from row ``scroll`` on; None where it holds none."""
+    fit, left, right = fitting_rows(box, scale), box.left, box.right
     start, end = left + NAMES_PX * scale, right - EDGE_PX * scale
     if fit < 1 or end - start < LEAST_PX * scale or end_s <= start_s:
         return None
     first = scrolled(scroll, 0, len(entries), fit)
     rows = tuple(entries[first : first + fit])
-    bottom = room.bottom + BELOW_PX * scale
+    bottom = box.bottom
     rows_top = bottom + max(len(rows), 1) * ROW_PX * scale
     top = rows_top + AXIS_PX * scale
     return Timeline(

@@ -55,7 +55,7 @@ class SensorReader(GroupReader):
             recorded = set(drive.cameras if kind == "CAMERA" else drive.lidars)
             named = Text("Camera" if kind == "CAMERA" else "LiDAR")
             standing = [obj for obj in sampled.of(kind) if obj.there.any()]
-            for name in sorted(recorded - {spec.id for spec in specs}):
+            for name in sorted(recorded - sampled.skipped - {spec.id for spec in specs}):
                 hidden = next((obj.name for obj in sampled.of(kind) if obj.uid == name and obj.is_original), "")
                 yield line_of(
                     kind, name, "REMOVE", Text("{sensor} removed", sensor=named), (name, hidden), always, clock, name
@@ -80,11 +80,12 @@ class SensorReader(GroupReader):
             edited |= set(drive.cameras) - {spec.id for spec in sensors.cameras if spec == CameraSpec(spec.id)}
         if sensors.lidars is not None:
             edited |= set(drive.lidars) - {spec.id for spec in sensors.lidars if spec == LidarSpec(spec.id)}
-        return edited
+        return edited - sampled.skipped
 
 
 def sensors_of(sampled: Sampled, drive: Drive) -> Sensors | None:
-    """The sensors to render; None where they are those of the log, as they were."""
+    """The sensors to render; None where they are those of the log, as they were. Sensors that were not imported are not
+    rendered."""
     clock = sampled.clock
     ego = next(sampled.of("EGO"), None)
     if ego is None and any(sampled.of("CAMERA", "LIDAR")):

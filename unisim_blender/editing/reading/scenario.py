@@ -1,8 +1,8 @@
 """A Blender scene read as a scenario: the difference between what was imported and what stands there.
 
 What lies within a tenth of a millimetre of the import at every frame is unedited and keeps its float64 original.
-Members that no object represents (frames or times, sensors' own times, what moves outside the recording, description,
-formats) are text in the scene, and an export writes them back. Meshes are written beside the scenario; until then they
+Members that no object represents (frames or times, sensors' own times, what moves outside the recording,
+description) are text in the scene, and an export writes them back. Meshes are written beside the scenario; until then they
 lie in this process's own folder, each in a file named after a digest of its content.
 """
 
@@ -109,7 +109,7 @@ _IMPORTED = Path("the scenario that was imported")
 
 def stated_text(scenario: Scenario) -> str:
     """Return what a scenario states besides its edits and sensors, as text; "" where that is nothing."""
-    timed, formats = [spec for _, _, spec in sensors_with_times(scenario)], (scenario.outputs or Outputs()).formats
+    timed = [spec for _, _, spec in sensors_with_times(scenario)]
     own = Sensors(
         tuple(CameraSpec(spec.id, times=spec.times) for spec in timed if isinstance(spec, CameraSpec)) or None,
         tuple(LidarSpec(spec.id, times=spec.times) for spec in timed if isinstance(spec, LidarSpec)) or None,
@@ -122,7 +122,6 @@ def stated_text(scenario: Scenario) -> str:
         times=scenario.times,
         outside=scenario.outside,
         sensors=own if timed else None,
-        outputs=None if formats is None else Outputs(formats=formats),
     )
     return "" if stated == Scenario(name="kept", log="log") else json.dumps(scenario_to_json(stated))
 
@@ -133,10 +132,10 @@ def with_stated(scenario: Scenario, text: str, drive: Drive, captures: bool) -> 
     if not text:
         return scenario
     stated = _read(text)
-    # files of earlier versions have the simulation in their text
+    # files of earlier versions have the simulation and the formats in their text
     merged = replace(scenario, description=stated.description, outside=stated.outside, simulation=stated.simulation)
-    if stated.outputs is not None:
-        merged = replace(merged, outputs=replace(scenario.outputs or Outputs(), formats=stated.outputs.formats))
+    if stated.outputs is not None and scenario.outputs is not None and scenario.outputs.formats is None:
+        merged = replace(merged, outputs=replace(scenario.outputs, formats=stated.outputs.formats))
     if not captures:
         return merged
     sensors = _with_times(scenario.sensors, _sensor_times(stated), drive)

@@ -6,8 +6,9 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,6 +26,7 @@ from ...core.simulation.vehicle.parameters import Vehicle
 from ...core.world.captures import US_PER_SECOND
 from ..edits.lines import metres
 from ..reading.scenario import write_scenario
+from ..sampled.source import is_rollout
 from ..texts import Text, kmh, translatable
 
 SCORES, STEPS, SCENARIO = "scores.json", "steps.jsonl", "scenario.json"
@@ -75,11 +77,6 @@ def _begun_with(folder: Path) -> Any:
         return json.loads(options_path(folder).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-
-
-def is_rollout(folder: Path) -> bool:
-    """Return whether a folder holds a rollout that has come to its end."""
-    return (folder / STEPS).is_file() and (folder / SCENARIO).is_file()
 
 
 def rollout_state(folder: Path) -> str:
@@ -274,6 +271,91 @@ def score_rows(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[Scor
     unseen = _member(scores, "unsupported").get("mean_share")
     add(translatable("Unsupported"), None if unseen is None else f"{100 * unseen:.0f} %", bool(unseen and unseen > 0.2))
     return rows
+
+
+class ScoreColumn(NamedTuple):
+    """A column of a list of rollouts: its title, what the score means, where it is in `read_scores`, how a value is
+    written, and whether more is better."""
+
+    title: str
+    about: str
+    member: str
+    key: str
+    form: str
+    rises: bool
+
+
+COLUMNS = (
+    ScoreColumn(translatable("Collisions"), translatable("Actors that the vehicle touches; fewer are better"),
+                "collision", "count", "{:.0f}", False),
+    ScoreColumn(translatable("Least TTC"),
+                translatable("Least time to collision in seconds, if both keep velocity and heading; longer is better"),
+                "time_to_collision", "minimum_s", "{:.1f} s", True),
+    ScoreColumn("PDMS", translatable("NAVSIM's score, 0 to 1, of no collision at fault, progress, time to collision and "
+                                     "comfort; higher is better"), "pdms", "score", "{:.2f}", True),
+    ScoreColumn("HD-score", translatable("HUGSIM's score, 0 to 1, of the driver's plans, times progress; higher is better"),
+                "hd_score", "score", "{:.2f}", True),
+    ScoreColumn(translatable("NCAP stars"), translatable("NeuroNCAP's stars, 0 to 5: 5 without a collision, fewer the "
+                "faster it is; more are better"), "ncap", "stars", "{:.1f}", True),
+    ScoreColumn(translatable("Progress"), translatable("Distance along the recorded path as a fraction of the recorded "
+                "vehicle's; higher is better"), "progress", "share", "{:.0%}", True),
+    ScoreColumn(translatable("Off the log"), translatable("Greatest distance to the side of the recorded path, in metres; "
+                "less is better"), "deviation", "across_max_m", "{:.1f} m", False),
+    ScoreColumn(translatable("Unsupported"), translatable("Fraction of the driver's pixels that no recorded data "
+                "supports; less is better"), "unsupported", "mean_share", "{:.0%}", False),
+)  # fmt: skip
+
+
+class ListedRollout(NamedTuple):
+    """A rollout in a list: its folder, its driver, how it ended, and its values in `COLUMNS`, None where it has none."""
+
+    folder: Path
+    driver: str
+    end: str
+    values: tuple[float | None, ...]
+
+
+def listed_rollouts(folders: Iterable[Path]) -> list[ListedRollout]:
+    """Return the rollouts among some folders; those that were not scored have no values."""
+    return [_listed(folder, rollout_state(folder)) for folder in folders if (folder / STEPS).is_file()]
+
+
+@lru_cache(maxsize=1000)  # a list asks at every redraw
+def _listed(folder: Path, state: str) -> ListedRollout:
+    try:
+        scores = read_scores(folder)
+    except UnisimError:
+        end = Text("Stopped after {count} steps", count=count_steps(folder))
+        return ListedRollout(folder, "", end, (None,) * len(COLUMNS))
+    end = Text("To its end: {seconds:.1f} s", seconds=float(scores.get("duration_s") or 0.0))
+    first = _member(scores, "collision").get("first_s")
+    if first is not None:
+        end = Text("Collision at {seconds:.1f} s", seconds=float(first))
+    values = [_member(scores, column.member).get(column.key) for column in COLUMNS]
+    numbers = (float(value) if isinstance(value, int | float) else None for value in values)
+    return ListedRollout(folder, str(scores.get("driver", "")), end, tuple(numbers))
+
+
+def best_values(rollouts: Sequence[ListedRollout]) -> list[str]:
+    """Return the best value of each column as it is written; "" where no two rollouts differ in it."""
+    best = []
+    for column, values in zip(COLUMNS, zip(*(rollout.values for rollout in rollouts), strict=True), strict=False):
+        known = sorted((value for value in values if value is not None), reverse=column.rises)
+        texts = [column.form.format(value) for value in known]
+        best.append(texts[0] if len(set(texts)) > 1 else "")
+    return best
+
+
+def in_order(rollouts: Sequence[ListedRollout], column: int) -> list[ListedRollout]:
+    """Return rollouts in the order of a column, the best first and those without a value last; of a negative one, in the
+    order of their names."""
+
+    def key(rollout: ListedRollout) -> tuple[Any, ...]:
+        value = rollout.values[column] if column >= 0 else None
+        name = [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", rollout.folder.name)]
+        return (value is None, (-value if COLUMNS[column].rises else value) if value is not None else 0.0, name)
+
+    return sorted(rollouts, key=key)
 
 
 def vehicle_of(simulation: Mapping[str, Any] | None) -> Vehicle:

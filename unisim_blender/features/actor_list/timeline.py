@@ -11,10 +11,11 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...editing.layout.timeline import Timeline, TimelineRoom, fitting_rows, lay_out, rectangles, rows_text, scrolled
+from ...editing.layout.timeline import Timeline, lay_out, rectangles, rows_text, scrolled, size_of
 from ...editing.texts import shortened
 from ...registering import Drawing, add, take_away
 from ...translations import localized
+from ...viewport.overlay_layout import WANTED, overlay_layout
 from . import listing
 
 TEXT, FAINT_TEXT = (0.92, 0.92, 0.92, 1.0), (0.62, 0.62, 0.62, 1.0)
@@ -36,32 +37,17 @@ def timeline_of(context: bpy.types.Context) -> Timeline | None:
     if not shown(context):
         return None
     table = listing.table_of(context.scene)
-    room = room_of(context)
-    if table.clock is None or room is None:
+    box = overlay_layout(context).overlays.get("timeline")
+    if table.clock is None or box is None:
         return None
-    scroll = context.window_manager.unisim_actors.scroll
+    scroll, scale = context.window_manager.unisim_actors.scroll, context.preferences.system.ui_scale
     times = table.clock.times_s
-    return lay_out(room, table.shown, scroll, float(times[0]), float(times[-1]))
+    return lay_out(box, scale, table.shown, scroll, float(times[0]), float(times[-1]))
 
 
-def room_of(context: bpy.types.Context) -> TimelineRoom | None:
-    """Return what toolbar, sidebar and asset shelf leave of the 3D view."""
-    area = context.area
-    window = next((region for region in area.regions if region.type == "WINDOW"), None) if area is not None else None
-    if window is None:
-        return None
-    left, right, bottom = 0.0, float(window.width), 0.0
-    for region in area.regions:
-        if region.type in ("WINDOW", "HEADER", "TOOL_HEADER") or region.width <= 1 or region.height <= 1:
-            continue
-        x, y = region.x - window.x, region.y - window.y
-        if region.type == "TOOLS" and x < window.width / 2:
-            left = max(left, x + region.width)
-        elif region.type == "UI" and x > window.width / 2:
-            right = min(right, x)
-        elif region.type.startswith("ASSET_SHELF"):
-            bottom = max(bottom, y + region.height)
-    return TimelineRoom(left, right, max(bottom, 0.0), float(window.height), context.preferences.system.ui_scale)
+def wanted_size(context: bpy.types.Context) -> tuple[float, float] | None:
+    """Return the least width and the height of the timeline of a 3D view at a scale of 1; None while it is not shown."""
+    return size_of(len(listing.table_of(context.scene).shown)) if shown(context) else None
 
 
 def draw() -> None:
@@ -200,10 +186,10 @@ class UNISIM_OT_scroll_timeline(bpy.types.Operator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Scroll where the mouse is on it; elsewhere the wheel is Blender's."""
-        timeline, room, about = timeline_of(context), room_of(context), context.window_manager.unisim_actors
-        if timeline is None or room is None or not timeline.covers(event.mouse_region_x, event.mouse_region_y):
+        timeline, about = timeline_of(context), context.window_manager.unisim_actors
+        if timeline is None or not timeline.covers(event.mouse_region_x, event.mouse_region_y):
             return {"PASS_THROUGH"}
-        about.scroll = scrolled(timeline.first, self.rows, timeline.count, fitting_rows(room))
+        about.scroll = scrolled(timeline.first, self.rows, timeline.count, len(timeline.rows))
         context.area.tag_redraw()
         return {"FINISHED"}
 
@@ -215,6 +201,7 @@ DRAWINGS = (Drawing(draw, "POST_PIXEL"),)
 def register() -> None:
     """Take clicks and the wheel."""
     add(CLASSES)
+    WANTED["timeline"] = wanted_size
     configuration = bpy.context.window_manager.keyconfigs.addon
     if configuration is not None:  # there is none without a window
         keys = configuration.keymaps.new(name="3D View", space_type="VIEW_3D")
@@ -226,6 +213,7 @@ def register() -> None:
 
 def unregister() -> None:
     """Take none."""
+    WANTED.pop("timeline", None)
     while _keys:
         keys, item = _keys.pop()
         keys.keymap_items.remove(item)

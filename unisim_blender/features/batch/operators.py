@@ -3,7 +3,6 @@ cluster."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Generator, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -56,12 +55,8 @@ class BatchTask(Task):
         """Units that have ended."""
         return float(self.reused + self.finished + self.failed)
 
-    def hear(self, line: str) -> None:
+    def hear(self, event: dict[str, Any]) -> None:
         """Take what the command line says: how many units there are, and each that ends."""
-        try:
-            event = json.loads(line)
-        except ValueError:
-            return  # cut off where the process was ended
         if event["event"] == "start":
             self.total, self.reused = float(event["units"]), event["kept"]
             self.before = self.done

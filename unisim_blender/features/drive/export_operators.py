@@ -15,7 +15,7 @@ from ...bridge.objects.settings import captures_stated, models_of, rollout_folde
 from ...bridge.sampling.from_keys import sample_steps
 from ...bridge.sampling.stepping import sample_all
 from ...bridge.window import allowed, drive
-from ...core.scenario.types import FrameRange, Outputs, Scenario
+from ...core.scenario.types import FRAME_FORMATS, SEQUENCE_FORMATS, FrameRange, Outputs, Scenario
 from ...editing.reading.scenario import read_scenario, with_stated, write_scenario
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled
@@ -102,7 +102,13 @@ def _settings(scene: bpy.types.Scene) -> tuple[FrameRange | None, Outputs]:
         "rgb",
         *(name for name in ("depth", "normal", "instance", "opacity", "unsupported") if name in settings.passes),
     )
-    return frames, Outputs(passes=passes, quality=settings.quality, contact_shadows=settings.contact_shadows or None)
+    formats = tuple(name for name in (*FRAME_FORMATS, *SEQUENCE_FORMATS) if name in settings.formats)
+    return frames, Outputs(
+        passes=passes,
+        formats=None if formats == tuple(FRAME_FORMATS) else formats,
+        quality=settings.quality,
+        contact_shadows=settings.contact_shadows or None,
+    )
 
 
 class ReadsScenes(InSteps):

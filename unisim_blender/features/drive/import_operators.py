@@ -1,22 +1,22 @@
-"""File > Import > Driving Log, and Trained Neural Scene."""
+"""File > Import: drives, trained scenes, scenarios and rollouts, chosen or dropped onto the window."""
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
 import bpy
-from bpy.props import StringProperty
+from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ...bridge.changes.applying import apply_edits
 from ...bridge.changes.variants import delete_variant, show_variant
 from ...bridge.importing.drive import import_source, recorded_colours, set_colours
-from ...bridge.objects.imported import has_drive
+from ...bridge.objects.imported import has_drive, skipped_sensors, source_of
 from ...bridge.views.rollouts import actor_names, keep_rollout, mark_rollout, scene_of_rollout
-from ...bridge.window import allowed, areas, object_mode
+from ...bridge.window import allowed, areas, drive, fit_camera_view, object_mode, show_tab
 from ...core.errors import UnisimError
 from ...core.formats.readers import READERS, drive_in, suffixes
 from ...core.meshes.read import mesh_notes
@@ -25,25 +25,38 @@ from ...core.scenario import apply_scenario, load_scenario
 from ...core.scenario.types import Scenario
 from ...core.world.drive import Drive
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.source import DriveSource, dropped, open_source, scene_actors, summary
+from ...editing.sampled.source import (
+    DriveSource,
+    ImportOptions,
+    Recognised,
+    is_rollout,
+    open_source,
+    recognised,
+    scene_actors,
+    summary,
+)
 from ...editing.simulation.rollouts import (
     SCENARIO,
     RolloutTimes,
     folder_of,
-    is_rollout,
     moments_of,
     read_rollout,
     read_scores,
     rollout_state,
 )
-from ...editing.texts import counted, series
+from ...editing.texts import counted, series, translatable
 from ...registering import add
-from ...translations import localized, message
+from ...translations import interface, localized, message
 from ...viewport.view_types import follow_soon
 from ..operator_bases import InSteps, Needing, in_thread
+from ..sidebar import Sidebar, settings_column
 
 FAR_M = 2000.0
 """Clipping distance of views, in metres: a drive is longer than Blender's 100 m."""
+TAB_DRAWINGS = 100
+"""Number of steps in which the sidebar should have been drawn."""
+MOST_CHOICES = 30
+"""Number of drives in a folder that a menu shows."""
 T = TypeVar("T")
 
 
@@ -63,14 +76,15 @@ class _ImportDrive(InSteps, ImportHelper):
         self.begun = False
         source = yield from self.run(self.opening())
         yield from self.bring_in(context, source)
-        self.report({"INFO"}, localized(summary(source)))
+        self.report({"INFO"}, localized(summary(source, skipped_sensors(context.scene))))
 
     def bring_in(self: Any, context: bpy.types.Context, source: DriveSource) -> Generator[str | None, None, None]:
         """Import an opened drive, and look through its camera where it is the scene's first."""
         first, manager = not has_drive(context.scene), context.window_manager
+        first_in_file = not any(scene.unisim.log for scene in bpy.data.scenes)
         if self.timer is not None:
             manager.progress_begin(0, 100)
-        for step in import_source(context.scene, source):
+        for step in import_source(context.scene, source, self.parts()):
             self.begun = True
             if self.timer is not None:
                 manager.progress_update(100 * step.done / step.total)
@@ -80,6 +94,13 @@ class _ImportDrive(InSteps, ImportHelper):
                 yield None
         if first:
             look_through_camera()
+        context.scene.unisim.first_steps |= first_in_file
+        if first and self.timer is not None:
+            yield from show_drive(context, first_in_file)
+
+    def parts(self) -> ImportOptions:
+        """Return which parts of the drive to import."""
+        return ImportOptions()
 
     def run(self: Any, todo: Callable[[], T]) -> Generator[str | None, None, T]:
         """Return what a function returns that knows nothing of Blender; in steps, a thread runs it."""
@@ -114,9 +135,28 @@ def look_through_camera() -> None:
     for area in areas("VIEW_3D"):
         space = area.spaces.active
         space.clip_end = max(space.clip_end, FAR_M)
-        if space.region_3d is not None:
+        if space.region_3d is not None and is_sensor(bpy.context.scene.camera):
             space.region_3d.view_perspective = "CAMERA"
     follow_soon()
+
+
+def show_drive(context: bpy.types.Context, open_tab: bool) -> Iterator[None]:
+    """Let the camera's image fill the largest 3D view, in some steps; ``open_tab``: beside the sidebar's tab UniSim."""
+    views = [area for area in context.window.screen.areas if area.type == "VIEW_3D"]
+    area = max(views, key=lambda area: area.width * area.height, default=None)
+    if area is None or area.spaces.active.region_3d is None or not is_sensor(context.scene.camera):
+        return
+    for _ in range(TAB_DRAWINGS if open_tab else 0):
+        if show_tab(area, Sidebar.bl_category):
+            break
+        yield None
+    yield None  # the sidebar gets its width when it is drawn
+    fit_camera_view(area)
+
+
+def is_sensor(camera: bpy.types.Object | None) -> bool:
+    """Return whether a camera is one of the vehicle's."""
+    return camera is not None and camera.unisim.kind == "CAMERA"
 
 
 def take_back() -> None:
@@ -127,7 +167,60 @@ def take_back() -> None:
     bpy.ops.ed.undo_push(message="Import Stopped")  # nor can a redo bring the half back
 
 
-class UNISIM_OT_import_log(_ImportDrive, bpy.types.Operator):
+class _FrameRange:
+    """Base of operators that take a range of frames."""
+
+    first_frame: IntProperty(name="First", description="First frame", min=0, options={"SKIP_SAVE"})
+    last_frame: IntProperty(
+        name="Last", description="Last frame, or that of the drive", default=99, min=0, options={"SKIP_SAVE"}
+    )
+    frame_step: IntProperty(
+        name="Step", description="Distance of frames that are rendered", default=1, min=1, options={"SKIP_SAVE"}
+    )
+
+    def draw_frames(self: Any, layout: bpy.types.UILayout) -> None:
+        """Draw the range."""
+        for name in ("first_frame", "last_frame", "frame_step"):
+            layout.prop(self, name)
+
+
+class _ImportsParts(_FrameRange):
+    """Base of importers of recorded drives: which parts of the drive to import."""
+
+    sensors: StringProperty(
+        name="Sensors",
+        description="Names of the cameras and LiDARs to import, with commas between; * stands for any letters",
+        default="*",
+        options={"SKIP_SAVE"},
+    )
+    all_frames: BoolProperty(
+        name="All Frames", description="Frame range of the whole drive", default=True, options={"SKIP_SAVE"}
+    )
+
+    def draw(self: Any, context: bpy.types.Context) -> None:
+        """Draw the settings of drives and trained scenes."""
+        column = settings_column(self.layout)
+        column.label(text="Of a drive or trained scene:")
+        column.prop(self, "sensors")
+        column.prop(self, "all_frames")
+        frames = column.column(align=True)
+        frames.enabled = not self.all_frames
+        self.draw_frames(frames)
+
+    def parts(self: Any) -> ImportOptions:
+        """Return which parts; what was imported before where nothing is set."""
+        names = None
+        if self.properties.is_property_set("sensors"):
+            names = tuple(filter(None, (name.strip() for name in self.sensors.split(","))))
+        return ImportOptions(names, None if self.all_frames else (self.first_frame, self.last_frame, self.frame_step))
+
+    def set_parts(self: Any) -> dict[str, Any]:
+        """Return the properties that were set, by name."""
+        names = ("sensors", "all_frames", "first_frame", "last_frame", "frame_step")
+        return {name: getattr(self, name) for name in names if self.properties.is_property_set(name)}
+
+
+class UNISIM_OT_import_log(_ImportsParts, _ImportDrive, bpy.types.Operator):
     """Import the vehicle, sensors and actors of a recorded drive as animated objects"""
 
     bl_idname = "unisim.import_log"
@@ -136,7 +229,7 @@ class UNISIM_OT_import_log(_ImportDrive, bpy.types.Operator):
 
     directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
-    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+    filter_folder: BoolProperty(default=True, options={"HIDDEN"})
 
     def opening(self) -> Callable[[], DriveSource]:
         """Open the log in the folder that was chosen, or the one drive that it has."""
@@ -144,7 +237,7 @@ class UNISIM_OT_import_log(_ImportDrive, bpy.types.Operator):
         return lambda: open_source(str(drive_in(chosen)), "")
 
 
-class UNISIM_OT_import_scene(_ImportDrive, bpy.types.Operator):
+class UNISIM_OT_import_scene(_ImportsParts, _ImportDrive, bpy.types.Operator):
     """Import a trained neural scene and its drive, with refined tracklets"""
 
     bl_idname = "unisim.import_scene"
@@ -211,15 +304,15 @@ class UNISIM_OT_open_rollout(Needing, _ImportScenario, bpy.types.Operator):
 
     directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
-    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+    filter_folder: BoolProperty(default=True, options={"HIDDEN"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for the folder, unless it was named."""
-        return self.in_steps(context) if self.directory else self.ask_for_path(context)
+        return self.in_steps(context) if self.filepath or self.directory else self.ask_for_path(context)
 
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Open the rollout, and import its scenario; beside a drive that is there into a new variant."""
-        self.begun, folder = False, Path(bpy.path.abspath(self.directory)).absolute()
+        self.begun, folder = False, Path(bpy.path.abspath(self.filepath or self.directory)).absolute()
         if not is_rollout(folder):
             raise UnisimError(message("{folder}: holds no finished rollout", folder=folder))
         shown = scene_of_rollout(folder)
@@ -274,11 +367,11 @@ def keep_settings(before: bpy.types.Scene, new: bpy.types.Scene) -> None:
 
 
 class UNISIM_FH_json(bpy.types.FileHandler):
-    """Scenarios, trained scenes, logs and rig presets dropped onto the window"""
+    """Files of drives, trained scenes, scenarios and rollouts, and rig presets, dropped onto the window"""
 
     bl_idname = "UNISIM_FH_json"
     bl_label = "UniSim"
-    bl_import_operator = "unisim.import_dropped"
+    bl_import_operator = "unisim.import_drive"
     bl_file_extensions = ".json"  # and those of logs, which `register` adds
 
     @classmethod
@@ -287,31 +380,146 @@ class UNISIM_FH_json(bpy.types.FileHandler):
         return context.area is not None and context.area.type in ("VIEW_3D", "OUTLINER")
 
 
-class UNISIM_OT_import_dropped(bpy.types.Operator):
-    """Import the scenario, trained scene, log or rig preset that a dropped file belongs to"""
+class UNISIM_FH_image(bpy.types.FileHandler):
+    """Recorded images dropped onto a window without a drive; Blender asks whether its own import is meant"""
 
-    bl_idname = "unisim.import_dropped"
-    bl_label = "Import into UniSim"
+    bl_idname = "UNISIM_FH_image"
+    bl_label = "Drive of This Image"
+    bl_import_operator = "unisim.import_drive"
+    bl_file_extensions = ".jpg;.jpeg;.png"
+
+    @classmethod
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
+        """As above, in a scene without a drive: in others images are what Blender makes of them."""
+        return UNISIM_FH_json.poll_drop(context) and not context.scene.unisim.log
+
+
+class UNISIM_OT_import_drive(_ImportsParts, bpy.types.Operator):
+    """Import a recorded drive, a trained scene, a scenario or a rollout: its folder, a file of it, or the folder around it"""
+
+    bl_idname = "unisim.import_drive"
+    bl_label = "Import Drive"
     bl_options = {"REGISTER", "UNDO"}
 
+    directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE", "HIDDEN"})
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Hand it to the operator that imports such files."""
-        what, path = dropped(Path(self.filepath))
-        how = "EXEC_DEFAULT" if what == "apply_rig" else "INVOKE_DEFAULT"
-        try:
-            answer = getattr(bpy.ops.unisim, what)(how, filepath=str(path))
-        except RuntimeError as fault:  # what the operator reports
-            self.report({"ERROR"}, str(fault).removeprefix("Error: ").strip())
-            return {"CANCELLED"}
-        return (
-            {"INTERFACE"} if answer == {"RUNNING_MODAL"} else answer
-        )  # the operator that goes on has its own undo step
+    filter_folder: BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """As dropped."""
-        return self.execute(context)
+        """Ask for what to import, unless it was dropped."""
+        if self.filepath:
+            return self.execute(context)
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Hand it to the operator that imports such a thing; ask which where a folder holds several."""
+        path = Path(bpy.path.abspath(self.filepath or self.directory)).absolute()
+        return handed_on(self, lambda: import_path(context, path, self.set_parts()))
+
+
+def handed_on(operator: bpy.types.Operator, call: Callable[[], set[str]]) -> set[str]:
+    """Return what another operator answers, whose errors are reported; what goes on has its own undo step."""
+    try:
+        answer = call()
+    except (UnisimError, OSError, RuntimeError) as fault:  # the last is what the other one reports
+        operator.report({"ERROR"}, str(fault).removeprefix("Error: ").strip())
+        return {"CANCELLED"}
+    return {"INTERFACE"} if answer == {"RUNNING_MODAL"} else answer
+
+
+def import_path(context: bpy.types.Context, path: Path, parts: dict[str, Any]) -> set[str]:
+    """Import what a path is or holds; ask which where that is several. Raises `UnisimError`."""
+    choices = recognised(path)
+    if len(choices) == 1:
+        return import_recognised(choices[0], parts)
+    if bpy.app.background or context.window is None:
+        names = ", ".join(choice.path.relative_to(path).as_posix() for choice in choices[:MOST_CHOICES])
+        raise UnisimError(f"{path}: holds several; choose one: {names}")
+    show_choices(context, path, choices, parts)
+    return {"INTERFACE"}
+
+
+def import_recognised(choice: Recognised, parts: dict[str, Any]) -> set[str]:
+    """Call the operator that imports what was recognised, with the options of those that have any."""
+    name, _, _ = KINDS[choice.kind]
+    path = choice.path / HEADER_NAME if choice.kind == "scene" else choice.path
+    how = "EXEC_DEFAULT" if choice.kind == "rig" else "INVOKE_DEFAULT"
+    parts = parts if choice.kind in ("log", "scene") else {}
+    return set(getattr(bpy.ops.unisim, name)(how, filepath=str(path), **parts))
+
+
+KINDS = {
+    "log": ("import_log", translatable("Drive"), "FILE_FOLDER"),
+    "scene": ("import_scene", translatable("Trained Scene"), "SHADING_RENDERED"),
+    "scenario": ("import_scenario", translatable("Scenario"), "FILE_TEXT"),
+    "rollout": ("open_rollout", translatable("Rollout"), "ANIM"),
+    "rig": ("apply_rig", translatable("Rig Presets"), "PRESET"),
+}
+"""Operators, names and icons of what is recognised."""
+
+
+def show_choices(context: bpy.types.Context, folder: Path, choices: list[Recognised], parts: dict[str, Any]) -> None:
+    """Show a menu of what a folder holds."""
+
+    def draw(menu: bpy.types.Menu, _: bpy.types.Context) -> None:
+        menu.layout.operator_context = "INVOKE_DEFAULT"
+        for kind, path in choices[:MOST_CHOICES]:
+            _, name, icon = KINDS[kind]
+            text = f"{path.relative_to(folder).as_posix()} ({interface(name)})"
+            entry = menu.layout.operator("unisim.import_drive", text=text, translate=False, icon=icon)
+            for option, value in {**parts, "filepath": str(path)}.items():
+                setattr(entry, option, value)
+
+    context.window_manager.popup_menu(draw, title=interface("Import From {folder}", folder=folder.name), icon="IMPORT")
+
+
+class UNISIM_OT_import_parts(_FrameRange, Needing, bpy.types.Operator):
+    """Choose the imported sensors of the drive and the frame range; edited sensors stay"""
+
+    bl_idname = "unisim.import_parts"
+    bl_label = "Sensors and Frames"
+    bl_options = {"REGISTER"}
+    needs = (object_mode, drive)
+
+    sensors: EnumProperty(
+        name="Sensors",
+        description="Cameras and LiDARs to import",
+        items=lambda self, context: sensor_items(context.scene),
+        options={"ENUM_FLAG", "SKIP_SAVE"},
+    )
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask, as the scene has them."""
+        scene = context.scene
+        self.sensors = {item[0] for item in sensor_items(scene)} - skipped_sensors(scene)
+        self.first_frame, self.last_frame, self.frame_step = scene.frame_start, scene.frame_end, scene.frame_step
+        return set(context.window_manager.invoke_props_dialog(self, confirm_text="Import"))
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw a switch for each sensor, and the frames."""
+        column = settings_column(self.layout)
+        column.column(align=True).prop(self, "sensors")
+        self.draw_frames(column.column(align=True))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Import the drive again."""
+        about = context.scene.unisim
+        kind, path = ("scene", about.scene) if about.scene else ("log", about.log)
+        parts = {name: getattr(self, name) for name in ("first_frame", "last_frame", "frame_step")}
+        parts |= {"sensors": ",".join(sorted(self.sensors)), "all_frames": False}
+        return handed_on(self, lambda: import_recognised(Recognised(kind, Path(bpy.path.abspath(path))), parts))
+
+
+_items: list[tuple[str, str, str]] = []
+
+
+def sensor_items(scene: bpy.types.Scene) -> list[tuple[str, str, str]]:
+    """Return a scene's recorded sensors as items of a property."""
+    recorded = source_of(scene).drive if has_drive(scene) else None
+    names = [] if recorded is None else [*recorded.cameras, *recorded.lidars]
+    _items[:] = [(name, name, interface("Import {sensor}", sensor=name)) for name in names]  # Blender keeps no copy
+    return _items
 
 
 class UNISIM_OT_recorded_colours(bpy.types.Operator):
@@ -333,12 +541,9 @@ class UNISIM_OT_recorded_colours(bpy.types.Operator):
 
 
 def draw_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
-    """Lines in File > Import."""
+    """A line in File > Import."""
     self.layout.operator_context = "INVOKE_DEFAULT"
-    self.layout.operator(UNISIM_OT_import_log.bl_idname, text="Driving Log (folder)")
-    self.layout.operator(UNISIM_OT_import_scene.bl_idname, text="Trained Neural Scene (scene.json)")
-    self.layout.operator(UNISIM_OT_import_scenario.bl_idname, text="UniSim Scenario (.json)")
-    self.layout.operator(UNISIM_OT_open_rollout.bl_idname, text="UniSim Rollout (folder)")
+    self.layout.operator(UNISIM_OT_import_drive.bl_idname, text="Drive, Scene, Scenario or Rollout")
 
 
 CLASSES = (
@@ -346,9 +551,11 @@ CLASSES = (
     UNISIM_OT_import_scene,
     UNISIM_OT_import_scenario,
     UNISIM_OT_open_rollout,
-    UNISIM_OT_import_dropped,
+    UNISIM_OT_import_drive,
+    UNISIM_OT_import_parts,
     UNISIM_OT_recorded_colours,
     UNISIM_FH_json,
+    UNISIM_FH_image,
 )
 MENUS = ((bpy.types.TOPBAR_MT_file_import, draw_menu),)
 
@@ -356,7 +563,9 @@ MENUS = ((bpy.types.TOPBAR_MT_file_import, draw_menu),)
 def file_extensions() -> str:
     """Of files that can be dropped, as Blender wants them: of .tar.gz the last part, which is all that some versions
     look at."""
-    return ";".join(sorted({".json", *(f".{suffix.rpartition('.')[2]}" for suffix in suffixes())}))
+    return ";".join(
+        sorted({".json", ".jsonl", ".safetensors", *(f".{suffix.rpartition('.')[2]}" for suffix in suffixes())})
+    )
 
 
 def register() -> None:

@@ -8,7 +8,7 @@ from ...bridge.objects.imported import imported_objects
 from ...editing.texts import translatable
 from ...translations import interface
 from ...viewport.compare_view import draw_options
-from ..sidebar import DrivePanel, Sidebar, row_of
+from ..sidebar import DrivePanel, row_of
 
 POINTS = (
     ("None", False, False),
@@ -18,7 +18,7 @@ POINTS = (
 )
 
 
-class UNISIM_PT_drive(Sidebar, bpy.types.Panel):
+class UNISIM_PT_drive(DrivePanel, bpy.types.Panel):
     """The drive that the scene was imported from"""
 
     bl_label = "Drive"
@@ -29,11 +29,6 @@ class UNISIM_PT_drive(Sidebar, bpy.types.Panel):
         """Draw log, trained scene, what is there, and what is shown."""
         layout, scene = self.layout, context.scene
         about = scene.unisim
-        if not about.log:
-            layout.label(text="No drive imported", icon="INFO")
-            layout.operator("unisim.import_log", text="Import Driving Log", icon="IMPORT")
-            layout.operator("unisim.import_scene", text="Import Trained Scene", icon="IMPORT")
-            return
         column = layout.column(align=True)
         row_of(column, "Log", Path(about.log).name, "FILE_FOLDER")
         row_of(column, "Scene", Path(about.scene).name if about.scene else "", "SHADING_RENDERED")
@@ -46,6 +41,7 @@ class UNISIM_PT_drive(Sidebar, bpy.types.Panel):
             interface("Actors: {actors}, sensors: {sensors}", actors=actors, sensors=sensors),
             "OUTLINER_OB_GROUP_INSTANCE",
         )
+        layout.operator("unisim.import_parts", icon="PRESET")
         layout.operator("unisim.import_scene", text="Import Trained Scene", icon="IMPORT")
 
 

@@ -13,6 +13,7 @@ from bpy.props import (
     StringProperty,
 )
 
+from ...core.scenario.types import FRAME_FORMATS, SEQUENCE_FORMATS
 from ..sidebar import switch_of
 
 KINDS = (
@@ -87,9 +88,11 @@ class UniSimObject(bpy.types.PropertyGroup):
     sees_ego_body: EnumProperty(
         name="Sees ego body", description="When a sensor sees the body of the ego vehicle", items=SIGHTS
     )
+    row: StringProperty(description="Row that the object stands in, as an edit of a scenario")
     stamp: StringProperty(description="Changes whenever the LiDAR points change")
     called: StringProperty(description="Identifier in scenarios, for objects that were copied with a variant")
     called_as: StringProperty(description="Object name for which that identifier is valid")
+    maneuvers: StringProperty(description="Maneuvers that lead to its trajectory, as JSON")
     rest_location: FloatVectorProperty(size=3, description="Offset from the trajectory before the first keyframe")
     rest_scale: FloatVectorProperty(
         size=3, description="Scale that the location accounts for; zero where none was noted"
@@ -134,6 +137,9 @@ class UniSimCheck(bpy.types.PropertyGroup):
     )
 
 
+FORMATS = tuple((name, name, about) for name, about in (FRAME_FORMATS | SEQUENCE_FORMATS).items())
+
+
 class UniSimScene(bpy.types.PropertyGroup):
     """The log and the trained scene that a scene was imported from, and its settings."""
 
@@ -145,6 +151,9 @@ class UniSimScene(bpy.types.PropertyGroup):
         name="World origin",
         description="Offset subtracted from the coordinates of the log, three float64 values as JSON",
     )
+    first_steps: BoolProperty(name="First Steps", description="Show the first steps in the sidebar until all are done")
+    done_steps: StringProperty(description="First steps that are done, with spaces between")
+    skipped_sensors: StringProperty(description="Sensors of the log that were not imported, as JSON")
     stated: StringProperty(
         description="Frames, times and more of the imported scenario, as JSON; empty where it states none"
     )
@@ -227,6 +236,13 @@ class UniSimScene(bpy.types.PropertyGroup):
         items=PASSES,
         options={"ENUM_FLAG"},
         default={"depth"},
+    )
+    formats: EnumProperty(
+        name="Formats",
+        description="Formats that sequences are written in",
+        items=FORMATS,
+        options={"ENUM_FLAG"},
+        default=set(FRAME_FORMATS),
     )
 
 

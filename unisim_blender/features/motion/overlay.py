@@ -12,12 +12,9 @@ from ...core.geometry import FloatArray
 from ...editing.layout.speed_graph import HEIGHT, WIDTH, GraphShapes, curves, grip, moment, on_curve
 from ...editing.motion.kinematics import MotionComparison
 from ...registering import Drawing
+from ...viewport.overlay_layout import WANTED, overlay_layout
 from ...viewport.overlays import draw_shapes
 from .properties import graph_of
-
-MARGIN = 12
-LEAST_SCALE = 0.5
-"""In a view that has no room for a graph of this size, none is drawn."""
 
 _newest: list[tuple[tuple[MotionComparison, float], GraphShapes]] = []
 """The newest curves, and the motion that they are of: they are laid out again only when that changes."""
@@ -53,17 +50,19 @@ class GraphPlace(NamedTuple):
 
 def graph_place(context: bpy.types.Context) -> GraphPlace | None:
     """Return where a 3D view draws the graph; None where it does not."""
+    graph, layout = shown_graph(context), overlay_layout(context)
+    box = layout.overlays.get("graph")
+    if graph is None or box is None:
+        return None
+    return GraphPlace(graph, np.array([box.left, box.bottom]), layout.graph_scale)
+
+
+def shown_graph(context: bpy.types.Context) -> MotionComparison | None:
+    """Return the motion whose graph a 3D view shows; None where it shows none."""
     scene = context.scene
     if not scene.unisim_motion.show_graph or not scene.unisim.log or not context.space_data.overlay.show_overlays:
         return None
-    graph = graph_of(context)
-    right = free_width(context)
-    scale = min(
-        context.preferences.system.ui_scale, (right - 2 * MARGIN) / WIDTH, (context.region.height - 2 * MARGIN) / HEIGHT
-    )
-    if graph is None or scale < LEAST_SCALE:
-        return None
-    return GraphPlace(graph, np.array([right - MARGIN - scale * WIDTH, MARGIN]), scale)
+    return graph_of(context)
 
 
 def draw() -> None:
@@ -82,17 +81,16 @@ def draw() -> None:
         draw_shapes(grip(graph, *held), corner, scale)
 
 
-def free_width(context: bpy.types.Context) -> float:
-    """Return where the sidebar that lies over a 3D view begins, from the view's left, in pixels."""
-    region = context.region
-    covers = [r.x - region.x for r in context.area.regions if r.type == "UI" and r.width > 1 and r.x > region.x]
-    return float(min([region.width, *covers]))
-
-
 DRAWINGS = (Drawing(draw, "POST_PIXEL"),)
+
+
+def register() -> None:
+    """Have a place for the graph."""
+    WANTED["graph"] = lambda context: None if shown_graph(context) is None else (WIDTH, HEIGHT)
 
 
 def unregister() -> None:
     """Forget the newest graph."""
+    WANTED.pop("graph", None)
     _newest.clear()
     grips.clear()

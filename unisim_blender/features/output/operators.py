@@ -3,6 +3,7 @@
 import subprocess
 from collections.abc import Generator
 from pathlib import Path
+from typing import Any
 
 import bpy
 from bpy.props import EnumProperty
@@ -13,9 +14,10 @@ from ...bridge.window import Need, allowed, drive, folder_on_disk
 from ...core.errors import UnisimError
 from ...editing.images.rendered import RenderedFrames, player_command, rendered_cameras
 from ...editing.reading.scenario import write_scenario
+from ...editing.texts import translatable
 from ...preferences import device, interpreter
 from ...process.background import launch
-from ...process.tasks import SequenceTask
+from ...process.tasks import SequenceTask, Task
 from ...translations import message
 from ..drive.export_operators import ReadsScenes
 from ..operator_bases import AtOnce, Needing, in_thread, nothing_runs, reporting
@@ -23,6 +25,8 @@ from ..operator_bases import AtOnce, Needing, in_thread, nothing_runs, reporting
 SCENARIO = "scenario.json"
 MIN_WIDTH = 8
 """The narrowest image that the command line renders, in pixels."""
+FILMS = ("film.mp4", "film.html")
+"""Names of films in the folder of a sequence, as `unisim film` has them."""
 _shown: list[tuple[str, str, str]] = []
 """The newest menu's items: Blender does not store them."""
 
@@ -162,8 +166,77 @@ class UNISIM_OT_play_result(bpy.types.Operator):
         return {"FINISHED"}
 
 
+class FilmTask(Task):
+    """A film of a finished sequence. The command line tells of each frame."""
+
+    title = translatable("Film")
+    hears = True
+    done = 0.0
+
+    def hear(self, event: dict[str, Any]) -> None:
+        """Take how many of how many frames are done."""
+        self.done, self.total = event.get("done", self.done), event.get("total", self.total)
+
+    def measure(self) -> str:
+        """Frames of how many."""
+        return message("{done} of {total} frames", done=int(self.done), total=int(self.total))
+
+
+def sequence_finished(context: bpy.types.Context) -> Need:
+    """The output folder holds a finished sequence."""
+    folder = known_folder(context.scene)
+    finished = folder is not None and (folder / "manifest.json").is_file()
+    return finished, "The output folder has no finished sequence yet: render one first"
+
+
+class UNISIM_OT_make_film(Needing, bpy.types.Operator):
+    """Write a film of the finished sequence, in the background: Sensors of it side by side, LiDARs from above"""
+
+    bl_idname = "unisim.make_film"
+    bl_label = "Make Film"
+    bl_options = {"REGISTER"}
+    needs = (drive, folder_known, sequence_finished, nothing_runs)
+
+    @reporting
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Start the command line."""
+        scene = context.scene
+        folder, sensors = output_folder(scene), output_sensors(scene, context.selected_objects, source_of(scene).drive)
+        task = FilmTask(["film", str(folder), "--json", *sensor_options(sensors)], folder, 0.0, interpreter())
+        launch(task)
+        if bpy.app.background and task.problem:
+            raise UnisimError(task.problem)
+        return {"FINISHED"}
+
+
+def film_of(scene: bpy.types.Scene) -> Path | None:
+    """Return the newest film in the output folder; None where there is none."""
+    folder = known_folder(scene)
+    films = [path for name in FILMS if folder is not None and (path := folder / name).is_file()]
+    return max(films, key=lambda path: path.stat().st_mtime_ns, default=None)
+
+
+class UNISIM_OT_open_film(bpy.types.Operator):
+    """Open the film of the sequence: MP4, or where the renderer's Python lacks imageio-ffmpeg a page for the browser"""
+
+    bl_idname = "unisim.open_film"
+    bl_label = "Open Film"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The film has to be there."""
+        return allowed(cls, drive(context), (film_of(context.scene), "There is no film yet: make one first"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """As Blender opens files."""
+        return bpy.ops.wm.path_open(filepath=str(film_of(context.scene)))
+
+
 CLASSES = (
     UNISIM_OT_render_sequence,
     UNISIM_OT_open_output,
     UNISIM_OT_play_result,
+    UNISIM_OT_make_film,
+    UNISIM_OT_open_film,
 )

@@ -3,12 +3,13 @@
 import bpy
 
 from ...bridge.objects.settings import captures_stated
+from ...core.scenario.types import FRAME_FORMATS, SEQUENCE_FORMATS
 from ...editing.reading.scenario import captures_words
 from ...process.background import running
 from ...process.tasks import SequenceTask
 from ...translations import interface, localized
 from ..sidebar import DrivePanel, Sidebar, draw_task, optional_row, settings_column
-from .operators import results_of
+from .operators import FilmTask, film_of, results_of
 
 
 class UNISIM_PT_output(Sidebar, bpy.types.Panel):
@@ -36,7 +37,7 @@ class UNISIM_PT_output(Sidebar, bpy.types.Panel):
         column.prop(about, "quality")
         draw_captures(layout, context.scene)
         layout.operator("unisim.render_sequence", icon="RENDER_ANIMATION")
-        draw_task(layout, context.scene, SequenceTask)
+        draw_task(layout, context.scene, SequenceTask, FilmTask)
         draw_results(layout, context)
         layout.operator("unisim.export_scenario", icon="EXPORT")
 
@@ -78,6 +79,27 @@ def draw_results(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
         row.operator_menu_enum("unisim.play_result", "camera", icon="PLAY")
     else:
         row.operator("unisim.play_result", icon="PLAY")
+    row = layout.row(align=True)
+    row.operator("unisim.make_film", icon="RENDER_ANIMATION")
+    film = film_of(context.scene)
+    is_page = film is not None and film.suffix == ".html"
+    text = interface("Open Film Page") if is_page else interface("Open Film")
+    row.operator("unisim.open_film", text=text, translate=False, icon="FILE_MOVIE")
+
+
+class UNISIM_PT_formats(DrivePanel, bpy.types.Panel):
+    """Formats of sequences: files of frames, and files of the whole"""
+
+    bl_label = "Formats"
+    bl_parent_id = "UNISIM_PT_output"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw a switch for each."""
+        for formats in (FRAME_FORMATS, SEQUENCE_FORMATS):
+            grid = self.layout.grid_flow(row_major=True, columns=3, even_columns=True, align=True)
+            for name in formats:
+                grid.prop_enum(context.scene.unisim, "formats", name)
 
 
 class UNISIM_PT_render(bpy.types.Panel):
@@ -102,4 +124,4 @@ class UNISIM_PT_render(bpy.types.Panel):
         layout.prop(context.scene.unisim, "contact_shadows")
 
 
-CLASSES = (UNISIM_PT_output, UNISIM_PT_passes, UNISIM_PT_render)
+CLASSES = (UNISIM_PT_output, UNISIM_PT_passes, UNISIM_PT_formats, UNISIM_PT_render)

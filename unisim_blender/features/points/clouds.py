@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import bpy
@@ -14,9 +14,12 @@ from mathutils import Vector
 from ...bridge.objects.imported import imported_objects
 from ...bridge.views.points import sweep_of
 from ...editing.layout.point_colours import KINDS, PointColours, PointLegend, coloured, legend_shapes
+from ...editing.layout.speed_graph import GraphShapes
 from ...editing.sensors.sweeps import DROPS, RECORDED, SweepPoints
+from ...editing.texts import Text
 from ...registering import Drawing
 from ...translations import localized
+from ...viewport.overlay_layout import WANTED, overlay_layout
 from ...viewport.overlays import draw_shapes
 
 SIZE, BEHIND_SIZE = 3.0, 2.0
@@ -118,10 +121,31 @@ def draw_legend() -> None:
             if at is not None:
                 blf.position(0, *at, 0)
                 blf.draw(0, localized(KINDS[kind]))
-    shapes, width, height = legend_shapes(shown.legend, lambda text: blf.dimensions(0, localized(text))[0] / scale)
-    corner = np.array([60.0, 12.0])
-    if corner[0] + width * scale < region.width and corner[1] + height * scale < region.height / 2:
-        draw_shapes(shapes, corner, scale)
+    box, legend = overlay_layout(context).overlays.get("legend"), shapes_of_legend(context)
+    if box is not None and legend is not None:
+        draw_shapes(legend[0], np.array([box.left, box.bottom]), scale)
+
+
+def shapes_of_legend(context: bpy.types.Context) -> tuple[GraphShapes, float, float] | None:
+    """Return the legend's shapes, and its width and height at a scale of 1; None where no points are shown."""
+    import blf
+
+    shown = shown_points(context.scene) if context.space_data.overlay.show_overlays else None
+    if shown is None:
+        return None
+    scale = context.preferences.system.ui_scale
+    blf.size(0, LABEL_PX * scale)
+    now = context.scene.frame_current
+    others = {int(sweep.frame) for sweep in shown.sweeps if len(sweep.points)} - {now}
+    stale = [Text("Points of frame {frame}; this is frame {now}", frame=frame, now=now) for frame in sorted(others)]
+    legend = replace(shown.legend, lines=(*shown.legend.lines, *stale))
+    return legend_shapes(legend, lambda text: blf.dimensions(0, localized(text))[0] / scale)
+
+
+def legend_size(context: bpy.types.Context) -> tuple[float, float] | None:
+    """Return the width and height of the legend; None where there is none."""
+    legend = shapes_of_legend(context)
+    return None if legend is None else legend[1:]
 
 
 def _shader() -> Any:
@@ -144,6 +168,12 @@ def _batch(sweep: SweepPoints, colours: PointColours) -> Any:
 DRAWINGS = (Drawing(draw), Drawing(draw_legend, "POST_PIXEL"))
 
 
+def register() -> None:
+    """Have a place for the legend."""
+    WANTED["legend"] = legend_size
+
+
 def unregister() -> None:
     """Forget the points."""
+    WANTED.pop("legend", None)
     _shown.clear()

@@ -9,7 +9,7 @@ from typing import Any
 
 import bpy
 import numpy as np
-from bpy.props import StringProperty
+from bpy.props import IntProperty, StringProperty
 
 from ...bridge.objects.imported import source_of
 from ...bridge.objects.settings import modelled, output_sensors, rollout_folder
@@ -19,12 +19,23 @@ from ...core.errors import UnisimError
 from ...editing.sampled.clock import Clock
 from ...editing.simulation import stated
 from ...editing.simulation.menus import is_remote, renderer_options
-from ...editing.simulation.rollouts import count_steps, read_rollout, scenario_path, variant_of, write_inputs
+from ...editing.simulation.rollouts import (
+    COLUMNS,
+    STEPS,
+    best_values,
+    count_steps,
+    in_order,
+    listed_rollouts,
+    read_rollout,
+    scenario_path,
+    variant_of,
+    write_inputs,
+)
 from ...editing.texts import translatable
 from ...preferences import device, interpreter
 from ...process.background import launch
 from ...process.tasks import SequenceTask
-from ...translations import message
+from ...translations import interface, localized, message, tooltip
 from ..drive.export_operators import ReadsScenes
 from ..operator_bases import AtOnce, Needing, in_thread, nothing_runs
 from ..output.operators import sensor_options, width_options
@@ -51,6 +62,9 @@ class RolloutTask(SequenceTask):
         return message(", {rate:.2f} steps/s", rate=rate)
 
 
+CELLS = (200, 80, 130, *(94 for _ in COLUMNS), 24)
+"""Widths of the cells of the list of rollouts: name, driver, end, a score each, and the cross."""
+LIST_WIDTH = sum(CELLS)
 HERE_S = 0.011
 """A simulation needs a step of at least 10 ms before the end."""
 
@@ -115,6 +129,22 @@ class UNISIM_OT_simulate(Needing, Simulates, bpy.types.Operator):
     bl_label = "Simulate"
     bl_options = {"REGISTER"}
     needs = (drive, driver_named, folder_known, nothing_runs)
+
+
+def rollout_folders(scene: bpy.types.Scene) -> list[Path]:
+    """Return the folders in the folder of a scene's rollouts, without those that the list leaves out, and that of the
+    rollout that the scene was opened from."""
+    parent, opened = rollouts_folder(scene), rollout_folder(scene)
+    hidden = scene.unisim_simulation.hidden.split("/")
+    folders = set(parent.iterdir()) if parent is not None and parent.is_dir() else set()
+    return [folder for folder in folders | ({opened} if opened else set()) if folder.name not in hidden]
+
+
+def rollout_there(context: bpy.types.Context) -> Need:
+    """There is a rollout to list."""
+    scene = context.scene
+    listed = any((folder / STEPS).is_file() for folder in rollout_folders(scene))
+    return listed or scene.unisim_simulation.hidden, "There is no rollout in the folder yet: simulate first"
 
 
 def is_rollout(context: bpy.types.Context) -> Need:
@@ -212,6 +242,98 @@ class UNISIM_OT_forget_model(bpy.types.Operator):
         return {"FINISHED"}
 
 
+class UNISIM_OT_hide_rollout(bpy.types.Operator):
+    """Leave this rollout out of the list; its folder stays"""
+
+    bl_idname = "unisim.hide_rollout"
+    bl_label = "Remove from List"
+    bl_options = {"REGISTER", "UNDO"}
+
+    name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Note the name; "" shows all again."""
+        about = context.scene.unisim_simulation
+        about.hidden = f"{about.hidden}/{self.name}" if self.name else ""
+        return {"FINISHED"}
+
+
+class UNISIM_OT_sort_rollouts(bpy.types.Operator):
+    """List the rollouts in the order of this column, the best first"""
+
+    bl_idname = "unisim.sort_rollouts"
+    bl_label = "Sort Rollouts"
+    bl_options = {"INTERNAL"}
+
+    column: IntProperty(default=-1, options={"HIDDEN", "SKIP_SAVE"})
+
+    @classmethod
+    def description(cls, context: bpy.types.Context, properties: Any) -> str:
+        """What the score means."""
+        return tooltip(COLUMNS[properties.column].about) if properties.column >= 0 else ""
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Note the column."""
+        UNISIM_OT_compare_rollouts.sorted_by = self.column
+        return {"FINISHED"}
+
+
+class UNISIM_OT_compare_rollouts(Needing, bpy.types.Operator):
+    """List all rollouts in the folder with their scores side by side; the best value of each score has a dot"""
+
+    bl_idname = "unisim.compare_rollouts"
+    bl_label = "Compare Rollouts"
+    bl_options = {"REGISTER"}
+    needs = (drive, rollout_there)
+    sorted_by = -1
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Show the list."""
+        return context.window_manager.invoke_popup(self, width=LIST_WIDTH)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Nothing: the list is what it does."""
+        return {"FINISHED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw a row for each rollout: a click opens it, the cross takes it off the list."""
+        layout, hidden = self.layout, context.scene.unisim_simulation.hidden
+        rollouts = in_order(listed_rollouts(rollout_folders(context.scene)), self.sorted_by)
+        best, opened = best_values(rollouts), rollout_folder(context.scene)
+        row = list_row(layout)
+        row[0].operator("unisim.sort_rollouts", text="Rollout", emboss=False)
+        for cell, title in zip(row[1:3], ("Driver", "End"), strict=True):
+            cell.label(text=title)
+        for number, (cell, column) in enumerate(zip(row[3:], COLUMNS, strict=False)):
+            pressed = self.sorted_by == number
+            cell.operator("unisim.sort_rollouts", text=interface(column.title), depress=pressed).column = number
+        for rollout in rollouts:
+            row = list_row(layout)
+            name = rollout.folder.name
+            shown = row[0].operator("unisim.open_rollout", text=name, translate=False, depress=rollout.folder == opened)
+            shown.directory = str(rollout.folder)
+            row[1].label(text=rollout.driver or "–", translate=False)
+            row[2].label(text=localized(rollout.end), translate=False)
+            for cell, column, value, top in zip(row[3:], COLUMNS, rollout.values, best, strict=False):
+                text = "–" if value is None else column.form.format(value)
+                cell.label(text=text, translate=False, icon="LAYER_ACTIVE" if text == top else "BLANK1")
+            row[-1].operator("unisim.hide_rollout", text="", icon="X", emboss=False).name = name
+        if hidden:
+            text = interface("Show {count} more", count=hidden.count("/"))
+            layout.operator("unisim.hide_rollout", text=text, translate=False, icon="HIDE_OFF")
+
+
+def list_row(layout: Any) -> list[Any]:
+    """Return the cells of a row of the list: name, driver, end, a score each, and the cross."""
+    split, left = layout.row(align=True), float(sum(CELLS))
+    cells = []
+    for width in CELLS[:-1]:
+        split = split.split(factor=width / left, align=True)
+        cells.append(split.row(align=True))
+        left -= width
+    return [*cells, split.row(align=True)]
+
+
 def active_actor(context: bpy.types.Context) -> Need:
     """An actor of the scene is active."""
     obj = context.active_object
@@ -224,4 +346,7 @@ CLASSES = (
     UNISIM_OT_drive_on,
     UNISIM_OT_same_model,
     UNISIM_OT_forget_model,
+    UNISIM_OT_hide_rollout,
+    UNISIM_OT_sort_rollouts,
+    UNISIM_OT_compare_rollouts,
 )

@@ -137,6 +137,7 @@ class UNISIM_PT_scores(DrivePanel, bpy.types.Panel):
         folder = Path(bpy.path.abspath(about.scored)) if about.scored else None
         column = settings_column(layout)
         column.operator("unisim.open_rollout", icon="IMPORT").directory = str(folder or "")
+        column.operator("unisim.compare_rollouts", icon="SPREADSHEET")
         shown = column.column()
         shown.enabled = bool(about.rollout)
         shown.prop(about, "show_plans")

@@ -18,9 +18,7 @@ from unisim_blender.core.formats.common.messages import OpenCVCalibration, calib
 from unisim_blender.core.geometry import box_corners, make_pose
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
-from unisim_blender.core.output.frame_files import FORMATS
-from unisim_blender.core.prepare.scenario_plan import SEQUENCE_FORMATS
-from unisim_blender.core.scenario.types import DEFS
+from unisim_blender.core.scenario.types import DEFS, FRAME_FORMATS, SEQUENCE_FORMATS
 from unisim_blender.core.sensors.silhouettes import box_bounds
 from unisim_blender.core.world.drive import CameraModel
 
@@ -106,7 +104,7 @@ def test_lenses_have_their_names() -> None:
 
 def test_scenarios_know_the_formats() -> None:
     formats = DEFS["outputs"]["properties"]["formats"]["items"]["enum"]
-    assert formats == [*FORMATS, *SEQUENCE_FORMATS] and set(RUN_FORMATS) <= set(SEQUENCE_FORMATS)
+    assert formats == [*FRAME_FORMATS, *SEQUENCE_FORMATS] and set(RUN_FORMATS) <= set(SEQUENCE_FORMATS)
 
 
 def test_the_first_image_has_boxes(tmp_path: Path) -> None:

@@ -17,8 +17,9 @@ from ...errors import UnisimError
 from ...executors import EXECUTORS, RayCluster, executor_at
 from ...files import write_file
 from ...prepare.renderers import RENDERERS
-from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions
+from ...prepare.scenario_plan import RenderOptions
 from ...progress import Bar
+from ...scenario.types import SEQUENCE_FORMATS
 from ..options import render_options
 from ._batch_progress import BatchProgress
 from .render import MOST_JOBS, default_jobs, pass_names
@@ -96,7 +97,7 @@ def shard_of(context: click.Context, option: click.Parameter, value: str | None)
 @click.option(
     "--format",
     "formats",
-    type=click.Choice(SEQUENCE_FORMATS),
+    type=click.Choice(list(SEQUENCE_FORMATS)),
     multiple=True,
     help="Write every variant as a whole in this format, too: as of `unisim render`, and video. Several, one option each.",
 )

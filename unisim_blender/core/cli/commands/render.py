@@ -10,11 +10,12 @@ import click
 
 from ...errors import UnisimError
 from ...executors import EXECUTORS
-from ...export.formats import RUN_FORMATS, check_sequence_formats, write_sequence
+from ...export.formats import check_sequence_formats, write_sequence
 from ...prepare.renderers import RENDERERS, UNTRAINED_DEFAULT
-from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions, plan_scenario, sequence_formats
+from ...prepare.scenario_plan import RenderOptions, plan_scenario, sequence_formats
 from ...prepare.selection import split_names
 from ...progress import Bar
+from ...scenario.types import SEQUENCE_FORMATS
 from ...sensors.error_bound import parse_bounds
 from ...sensors.frames import FORMER_PASSES
 from ...sequence.run import MANIFEST_NAME, render_sequence
@@ -69,13 +70,13 @@ MOST_JOBS = 8
 @click.option(
     "--format",
     "formats",
-    type=click.Choice(["pandaset", *RUN_FORMATS]),
+    type=click.Choice(list(SEQUENCE_FORMATS)),
     multiple=True,
-    help="Write the whole in this format, too. pandaset: a log in PandaSet's layout; "
-    + "; ".join(f"{kind.name}: {kind.about}" for kind in RUN_FORMATS.values())
+    help="Write the whole in this format, too. "
+    + "; ".join(f"{name}: {about}" for name, about in SEQUENCE_FORMATS.items())
     + ". Several, one option each.",
 )
-@click.option("--video", is_flag=True, help="Write a film of every camera, too.")
+@click.option("--video", is_flag=True, help="As --format video.")
 @click.option(
     "--draw",
     metavar="SEED",

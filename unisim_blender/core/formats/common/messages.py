@@ -58,7 +58,6 @@ class RunFormat:
     """
 
     name: str
-    about: str
     output: str
     modules: tuple[str, ...]
     needs: tuple[str, ...]

@@ -43,7 +43,6 @@ def write_mcap(run: Run, path: Path) -> None:
 
 MCAP = RunFormat(
     "mcap",
-    "one MCAP file that Foxglove and Rerun open",
     "run.mcap",
     ("mcap.writer", "mcap_protobuf.schema", "foxglove_schemas_protobuf", "zstandard"),
     ("png", "npz", "labels"),

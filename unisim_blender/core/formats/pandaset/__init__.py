@@ -14,7 +14,7 @@ class PandasetReader:
 
     name = "pandaset"
     layout = "PandaSet: a folder with lidar/ and camera/"
-    suffixes: tuple[str, ...] = (".json",)
+    suffixes: tuple[str, ...] = (".json", ".pkl.gz", ".pkl")
 
     def recognises(self, path: Path) -> bool:
         """Whether a folder has lidar/ and another of the layout's folders."""

@@ -53,7 +53,6 @@ def write_rosbag(run: Run, path: Path) -> None:
 
 ROSBAG = RunFormat(
     "rosbag",
-    "a ROS 2 bag, which needs no ROS to be written",
     "rosbag",
     ("rosbags.rosbag2", "rosbags.typesys"),
     ("png", "npz", "labels"),

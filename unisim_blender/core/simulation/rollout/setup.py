@@ -17,14 +17,13 @@ from ...data.road import RoadCells, road_cells
 from ...errors import OutputError
 from ...formats.readers import open_log
 from ...geometry import FloatArray, invert_pose
-from ...output.frame_files import FORMATS
 from ...prepare.scenario import log_of_scene
 from ...prepare.scenario_plan import RenderOptions, plan_scenario
 from ...render.renderer import Renderer
 from ...scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
 from ...scenario.context import EditContext
 from ...scenario.simulation import SimulationSpec
-from ...scenario.types import Outputs, Scenario
+from ...scenario.types import FRAME_FORMATS, Outputs, Scenario
 from ...scenes.scene import OpenScenes
 from ...sequence.plan import RenderPlan
 from ...world.captures import US_PER_SECOND
@@ -210,7 +209,7 @@ def open_scenario(
         quality=plan.settings.quality,
         contact_shadows=own.contact_shadows,
     )
-    formats = tuple(name for name in FORMATS if name in (outputs.formats or ()))
+    formats = tuple(name for name in FRAME_FORMATS if name in (outputs.formats or ()))
     plan = replace(plan, settings=replace(plan.settings, formats=formats))
     log, path, scene = None, prepared.log_path, prepared.scene
     if path.exists():
