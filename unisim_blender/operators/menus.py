@@ -46,6 +46,8 @@ class UNISIM_MT_object(bpy.types.Menu):
         layout.operator("unisim.release_mesh")
         layout.operator("unisim.ego_body")
         layout.operator("unisim.release_ego_body")
+        layout.operator("unisim.parked_row")
+        layout.operator("unisim.row_of_cones")
         layout.separator()
         layout.operator("unisim.mark_static")
         layout.operator("unisim.copy_static")
@@ -139,6 +141,7 @@ def draw_add_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
         self.layout.separator()
         self.layout.operator("unisim.insert_actor", text="Actor of the Drive")
         self.layout.operator("unisim.insert_from", text="Actor of a Trained Scene")
+        self.layout.operator("unisim.row_of_cones")
         self.layout.operator("unisim.add_camera", text="Camera on the Vehicle")
         self.layout.operator_menu_enum("unisim.add_lidar", "preset", text="LiDAR on the Vehicle")
 
@@ -299,9 +302,12 @@ class UNISIM_MT_maneuver_pie(bpy.types.Menu):
     bl_description = "Maneuvers of the active actor, or of a new one"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw a slot for each."""
+        """Draw a slot for each, and for rows and classes."""
         pie = self.layout.menu_pie()
         pie.operator_enum("unisim.maneuver", "kind")
+        pie.operator("unisim.row_of_cones", icon="CONE")
+        pie.operator("unisim.parked_row", icon="AUTO")
+        pie.operator_menu_enum("unisim.swap_class", "group", icon="MOD_INSTANCE")
 
 
 CLASSES = (UNISIM_MT_object, UNISIM_MT_render, UNISIM_MT_view, UNISIM_MT_pie, UNISIM_MT_maneuver_pie)

@@ -38,6 +38,7 @@ OWN_PROPERTIES = (
     "called",
     "called_as",
     "scale_lift_m",
+    "row",
     "maneuvers",
 )
 KEYABLE_PROPERTIES = ("location", "rotation_quaternion", "rotation_euler", "scale")

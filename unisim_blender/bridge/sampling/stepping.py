@@ -109,6 +109,7 @@ def described(
         called=title_of(obj),
         sees_body=sees_body(obj),
         span=span_of(obj),
+        row=about.row,
         maneuvers=about.maneuvers,
         size_m=tuple(size_of(obj).tolist())
         if about.kind == "ACTOR" and (about.maneuvers or not about.mesh)

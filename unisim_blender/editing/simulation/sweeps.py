@@ -19,7 +19,10 @@ from .stated import numbers_of, value_of
 
 MEMBERS = ("edits", "simulation", "sensors")
 """Members of a scenario that parameters may lie in."""
-_LEFT_OUT = ("type", "id", "mesh", "scene", "trajectory", "map", "box", "label", "outside", "quaternion_wxyz", "leader")
+_LEFT_OUT = (
+    *("type", "id", "mesh", "scene", "trajectory", "map", "box", "label", "outside", "quaternion_wxyz", "leader"),
+    *("along", "path"),
+)
 """Members that are no choice of a sweep: nobody varies one key of a trajectory, or one number of a rotation."""
 WORDS: dict[str, tuple[str, float]] = {
     "offset_m/0": (translatable("forward"), 5.0),
@@ -34,6 +37,11 @@ WORDS: dict[str, tuple[str, float]] = {
     "position/2": (translatable("place along z"), 0.2),
     "yaw_deg": (translatable("heading"), 10.0),
     "turn_deg": (translatable("turned left"), 10.0),
+    "start_m": (translatable("from"), 5.0),
+    "end_m": (translatable("to"), 5.0),
+    "end_left_m": (translatable("left at the end"), 1.0),
+    "spacing_m": (translatable("spacing"), 0.0),
+    "count": (translatable("number"), 2.0),
     "shift_left_m": (translatable("left"), 1.0),
     "speed": (translatable("speed, as a factor"), 0.0),
     "speed_m_s": (translatable("speed"), 0.0),

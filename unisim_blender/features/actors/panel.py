@@ -100,6 +100,8 @@ class UNISIM_PT_insert(DrivePanel, bpy.types.Panel):
         column = self.layout.column(align=True)
         column.operator("unisim.insert_actor", icon="ADD")
         column.operator("unisim.insert_from", icon="FILE_FOLDER")
+        column.operator("unisim.row_of_cones", icon="CONE")
+        column.operator("unisim.parked_row", icon="AUTO")
         column.operator("unisim.mesh_actor", icon="MESH_MONKEY")
         column.operator("unisim.release_mesh", icon="X")
 

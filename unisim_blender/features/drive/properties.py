@@ -88,6 +88,7 @@ class UniSimObject(bpy.types.PropertyGroup):
     sees_ego_body: EnumProperty(
         name="Sees ego body", description="When a sensor sees the body of the ego vehicle", items=SIGHTS
     )
+    row: StringProperty(description="Row that the object stands in, as an edit of a scenario")
     stamp: StringProperty(description="Changes whenever the LiDAR points change")
     called: StringProperty(description="Identifier in scenarios, for objects that were copied with a variant")
     called_as: StringProperty(description="Object name for which that identifier is valid")

@@ -88,7 +88,7 @@ def traffic_of(obj: bpy.types.Object) -> Traffic:
     recorded = source_of(scene).drive
     clock = Clock.of(recorded)
     others = [other.name for other in imported_objects(scene, "ACTOR") if other != obj and not other.hide_render]
-    taken = taken_by(ego_poses(scene, recorded, clock), neighbours(scene, obj, recorded, clock))
+    taken = taken_by(ego_poses(scene, recorded, clock), neighbours(scene, [obj], recorded, clock))
     return Traffic(["Ego vehicle", *others], *taken)
 
 
