@@ -108,6 +108,17 @@ def place_ahead(
     return best
 
 
+def heading_along(point: FloatArray, paths: Sequence[FloatArray]) -> float:
+    """Return the direction at a point (3,) of the nearest of some paths of poses (N, 4, 4), in radians about z; 0 where none
+    leads anywhere."""
+    leading = [path for path in paths if is_path(path[:, :3, 3])]
+    if not leading:
+        return 0.0
+    poses = np.concatenate(leading)
+    nearest = poses[np.linalg.norm((poses[:, :3, 3] - point)[:, :2], axis=1).argmin()]
+    return float(np.arctan2(nearest[1, 0], nearest[0, 0]))
+
+
 def _places(ego: FloatArray, paths: Sequence[Followed], at: int, nearest_m: float) -> Iterator[InsertPlace]:
     """Yield places on paths, else beside the ego's, in the order in which they are tried."""
     farther = np.arange(0.0, max(FARTHEST_M - nearest_m, STEP_M), STEP_M)
