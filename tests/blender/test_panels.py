@@ -103,7 +103,7 @@ class MenuLines:
 
 
 ROW = (
-    "add_parameter compare_variant forget_model go_to go_to_edit hide_rollout import_dropped look_through mute_edit "
+    "add_parameter compare_variant forget_model go_to go_to_edit hide_rollout look_through mute_edit "
     "remove_parameter remove_rig revert_edit same_model show_sensor show_variant test_renderer use_frame_range"
 )
 """Operators of a row of a list, of a file that is dropped, or of the preferences."""

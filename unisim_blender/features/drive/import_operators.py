@@ -216,7 +216,7 @@ class UNISIM_OT_import_log(_ImportsParts, _ImportDrive, bpy.types.Operator):
 
     bl_idname = "unisim.import_log"
     bl_label = "Import Driving Log"
-    bl_options = {"REGISTER"}
+    bl_options = {"REGISTER", "INTERNAL"}
 
     directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
@@ -233,7 +233,7 @@ class UNISIM_OT_import_scene(_ImportsParts, _ImportDrive, bpy.types.Operator):
 
     bl_idname = "unisim.import_scene"
     bl_label = "Import Trained Neural Scene"
-    bl_options = {"REGISTER"}
+    bl_options = {"REGISTER", "INTERNAL"}
 
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
@@ -270,7 +270,7 @@ class UNISIM_OT_import_scenario(_ImportScenario, bpy.types.Operator):
 
     bl_idname = "unisim.import_scenario"
     bl_label = "Import Scenario"
-    bl_options = {"REGISTER"}
+    bl_options = {"REGISTER", "INTERNAL"}
 
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
 
