@@ -13,6 +13,7 @@
 # make test-ui   a real Blender window driven by scripts, mouse and keys (root, debootstrap); a part of the sessions
 # make test-ui-all   all of its sessions, in Blender 4.3 and 5.2
 # make screenshots   the documentation's pictures of Blender, by two sessions of the window
+# make cuda    the kernels for NVIDIA GPUs, by CUDA's compiler, which it installs (400 MB)
 # make docs    the documentation as a website, in out/site
 # make extension   the Blender extension as a .zip, in dist/
 # make clean   removes what the others made, .venv included
@@ -25,7 +26,7 @@ WORKERS := -n 2 --dist worksteal
 # tests start hundreds of processes, which read the package's bytecode
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup demo test test-slow test-stress test-ray test-s3 test-gs test-schemas test-perception test-inputs test-calls test-ui test-ui-all screenshots docs extension clean
+.PHONY: setup demo test test-slow test-stress test-ray test-s3 test-gs test-schemas test-perception test-inputs test-calls test-ui test-ui-all screenshots cuda docs extension clean
 
 setup: $(VENV)/.built
 
@@ -138,8 +139,18 @@ $(DOCS_VENV)/.created: pyproject.toml constraints.txt
 docs: $(DOCS_VENV)/.created
 	NO_MKDOCS_2_WARNING=1 $(DOCS_VENV)/bin/mkdocs build --strict
 
+# CUDA's compiler in an environment of its own; it needs no GPU
+CUDA_VENV := .venv-cuda
+$(CUDA_VENV)/.created: constraints.txt
+	$(PYTHON) -m venv $(CUDA_VENV)
+	$(CUDA_VENV)/bin/python -m pip install --quiet --constraint constraints.txt nvidia-cuda-nvcc nvidia-cuda-cccl
+	touch $@
+
+cuda: $(CUDA_VENV)/.created
+	$(CUDA_VENV)/bin/python tools/compile_cuda.py unisim_blender/core/_unisim_cuda.fatbin
+
 extension: $(VENV)/.blender
 	$(BIN)/python tools/build_extension.py dist
 
 clean:
-	rm -rf $(VENV) $(DOCS_VENV) build dist out unisim_blender/core/_unisim_native.*
+	rm -rf $(VENV) $(DOCS_VENV) $(CUDA_VENV) build dist out unisim_blender/core/_unisim_native.* unisim_blender/core/_unisim_cuda.fatbin

@@ -1,6 +1,8 @@
 // What a GPU launches: one thread a ray.
 #include "trace_ray.h"
 
+namespace {
+
 // The arrays that the threads of a launch share: `samples` (6, capacity, threads) numbers and `segments`
 // (threads, segment_capacity).
 struct LaunchMemory {
@@ -8,6 +10,11 @@ struct LaunchMemory {
     Segment *segments;
     int32_t threads, capacity, segment_capacity;
 };
+
+} // namespace
+
+// `core/render/tracers/compiled/gpu.py` has their sizes.
+static_assert(sizeof(Segment) == 104, "SEGMENT_BYTES");
 
 // Traces rays number begin to before end of the order; one that finds no room is noted in `refused` (its count first),
 // and traced again with more of it.

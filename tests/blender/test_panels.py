@@ -106,7 +106,7 @@ ROW = (
     "add_parameter compare_variant forget_model go_to go_to_edit hide_rollout look_through mute_edit "
     "remove_parameter remove_rig revert_edit same_model show_sensor show_variant test_renderer use_frame_range"
 )
-"""Operators of a row of a list, of a file that is dropped, or of the preferences."""
+"""Operators of a row of a list or of the preferences."""
 
 
 def test_the_menu_search_finds_all_operators(street: Any) -> None:

@@ -107,10 +107,27 @@ def tabs() -> Iterator[float]:
     yield from to(*middle(area("VIEW_3D")))
 
 
+def german() -> Iterator[float]:
+    """The sidebar's tasks in German."""
+    view_preferences = bpy.context.preferences.view
+    view_preferences.language, view_preferences.use_translate_interface = "de_DE", True
+    for kind in ("VIEW", "EDIT"):
+        bpy.context.window_manager.unisim_panels = kind
+        redraw()
+        yield 0.7
+        screenshot(f"overview_german_{kind.lower()}")
+    view_preferences.language = "en_US"
+
+
 def steps() -> Iterator[float]:
     """The session."""
     yield from imported()
-    for name, todo in (("steady_header", steady_header), ("sidebar_tabs", tabs), ("overlaid_view", overlaid)):
+    for name, todo in (
+        ("steady_header", steady_header),
+        ("sidebar_tabs", tabs),
+        ("overlaid_view", overlaid),
+        ("german_tabs", german),
+    ):
         yield from task(name, todo)
 
 

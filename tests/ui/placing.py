@@ -9,6 +9,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from mathutils import Vector
 
 sys.path.insert(0, str(Path(__file__).parent))
 import hands
@@ -114,6 +115,86 @@ def retimed() -> Iterator[float]:
         yield from until(lambda: not edits(), "one Ctrl-Z does not undo it", 5)
 
 
+def searched(words: str) -> Iterator[float]:
+    """F3, some letters, Enter."""
+    yield from to(*middle(area("VIEW_3D")))
+    yield from key("F3")
+    yield 0.5
+    yield from hands.write(words)
+    yield 0.7
+    yield from key("RET")
+
+
+def in_rows() -> list[str]:
+    """The names of what stands in rows."""
+    return sorted(obj.name for obj in bpy.context.scene.objects if obj.unisim.row)
+
+
+def cones() -> Iterator[float]:
+    """Row of Cones by F3; its end dragged aside; Esc; one Ctrl-Z for each."""
+    bpy.context.scene.frame_set(0)
+    yield from searched("row of cones")
+    yield from until(lambda: [kind for kind, _ in edits()] == ["Row"], "no row", 10)
+    from_behind(view()[2])
+    yield 0.5
+    screenshot("cones")
+    assert not checked(), checked()
+    rows = module("features.motion.rows")
+    for ended in ("LEFTMOUSE", "ESC"):
+        before = str(hands.scenario().edits)
+        x, y = hands.place(Vector(rows.ends(bpy.context)[1]))
+        yield from to(x - 3, y)
+        yield 0.2
+        yield from to(x, y)
+        yield 0.5
+        hands.event("LEFTMOUSE", "PRESS")
+        yield 0.1
+        yield from moves_to(x, y, x - 90, y - 10)
+        yield 0.3
+        screenshot(f"cones_dragging_{ended}")
+        if ended == "ESC":
+            yield from key("ESC")
+        hands.event("LEFTMOUSE", "RELEASE")
+        yield 0.5
+        assert (str(hands.scenario().edits) == before) == (ended == "ESC"), "the drag"
+    screenshot("cones_dragged")
+    yield from key("Z", ctrl=True)
+    yield 0.5
+    yield from key("Z", ctrl=True)
+    yield from until(lambda: not edits() and not in_rows(), "two Ctrl-Z do not undo the row and its drag", 5)
+
+
+def parked() -> Iterator[float]:
+    """A click on a parked car, Parked Row by F3; Swap Class of the car from the menu; each one Ctrl-Z."""
+    standing = [
+        o for o in bpy.context.scene.objects if o.unisim.kind == "ACTOR" and o.parent is None and "Car" in o.name
+    ]
+    car = min(standing, key=lambda o: o.matrix_world.translation.length).name
+    yield from picked(car)
+    yield from searched("parked row")
+    yield from until(lambda: [kind for kind, _ in edits()] == ["Row"], "no row", 10)
+    from_behind(view()[2])
+    yield 0.5
+    screenshot("parked")
+    assert not checked(), checked()
+    yield from key("F9")
+    yield 0.7
+    screenshot("parked_panel")
+    yield from key("ESC")
+    yield 0.3
+    yield from to(*middle(area("VIEW_3D")))
+    yield from key("Z", ctrl=True)
+    yield from until(lambda: not edits(), "one Ctrl-Z does not undo the row", 5)
+    yield from picked(car)
+    with bpy.context.temp_override(area=view()[0], region=view()[0].regions[-1]):
+        bpy.ops.unisim.swap_class("INVOKE_DEFAULT", True, group="TRUCK")
+    yield 0.5
+    screenshot("swapped")
+    results["swap_warned"] = checked()
+    yield from key("Z", ctrl=True)
+    yield from until(lambda: not edits(), "one Ctrl-Z does not undo the class", 5)
+
+
 def steps() -> Iterator[float]:
     """The session."""
     yield from install()
@@ -121,6 +202,8 @@ def steps() -> Iterator[float]:
         ("placing_import", imported),
         ("dragged_speed", dragged_speed),
         ("retimed_smoothly", retimed),
+        ("row_of_cones", cones),
+        ("parked_row", parked),
     ):
         yield from task(name, todo)
 

@@ -7,7 +7,7 @@ from ..features.actors import operators as actors
 from ..features.batch import operators as batch
 from ..features.drive import export_operators, import_operators
 from ..features.edits import operators as edits
-from ..features.motion import drag
+from ..features.motion import drag, maneuvers, rows
 from ..features.motion import operators as motion
 from ..features.motion import properties as motion_properties
 from ..features.output import operators as output
@@ -28,8 +28,10 @@ MODULES = (
     edits,
     appearances,
     motion,
+    maneuvers,
     sensors,
     drag,
+    rows,
     rig_presets,
     points,
     birds_eye,

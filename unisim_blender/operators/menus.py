@@ -37,6 +37,7 @@ class UNISIM_MT_object(bpy.types.Menu):
         layout.operator("unisim.delete_actor")
         layout.operator("unisim.replace_appearance")
         layout.operator_menu_enum("unisim.swap_class", "group")
+        layout.operator_menu_enum("unisim.maneuver", "kind")
         layout.operator_menu_enum("unisim.retime_actor", "mode")
         layout.operator("unisim.shift_actor")
         layout.operator("unisim.follow_curve")
@@ -45,6 +46,8 @@ class UNISIM_MT_object(bpy.types.Menu):
         layout.operator("unisim.release_mesh")
         layout.operator("unisim.ego_body")
         layout.operator("unisim.release_ego_body")
+        layout.operator("unisim.parked_row")
+        layout.operator("unisim.row_of_cones")
         layout.separator()
         layout.operator("unisim.mark_static")
         layout.operator("unisim.copy_static")
@@ -124,12 +127,21 @@ def draw_object_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
         self.layout.menu("UNISIM_MT_object")
 
 
+def draw_context_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """Draw lines at the top of the 3D view's context menu."""
+    if context.scene.unisim.log:
+        self.layout.operator_menu_enum("unisim.maneuver", "kind")
+        self.layout.menu("UNISIM_MT_object")
+        self.layout.separator()
+
+
 def draw_add_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """Lines in the Add menu."""
     if context.scene.unisim.log:
         self.layout.separator()
         self.layout.operator("unisim.insert_actor", text="Actor of the Drive")
         self.layout.operator("unisim.insert_from", text="Actor of a Trained Scene")
+        self.layout.operator("unisim.row_of_cones")
         self.layout.operator("unisim.add_camera", text="Camera on the Vehicle")
         self.layout.operator_menu_enum("unisim.add_lidar", "preset", text="LiDAR on the Vehicle")
 
@@ -182,6 +194,7 @@ RENDER = Slot("unisim.render_sequence", "Render Sequence", "RENDER_ANIMATION")
 DELETE = Slot("unisim.delete_actor", "Delete", "TRASH")
 SNAP = Slot("unisim.snap_to_ground", "Snap to Ground", "SNAP_FACE")
 ADD_CAMERA = Slot("unisim.add_camera", "Add Camera", "CAMERA_DATA")
+MANEUVER = Slot("wm.call_menu_pie", "Maneuver", "CON_FOLLOWPATH", {"name": "UNISIM_MT_maneuver_pie"})
 ADD_LIDAR = Slot("unisim.add_lidar", "Add LiDAR", "CONE")
 MARK = Slot("unisim.mark_static", "Mark Static Item", "ADD")
 
@@ -192,7 +205,7 @@ SLOTS: dict[str, tuple[Slot | None, ...]] = {
         Slot("unisim.retime_actor", "Retime", "TIME"),
         Slot("unisim.shift_actor", "Shift", "ARROW_LEFTRIGHT"),
         Slot("unisim.replace_appearance", "Replace Appearance", "FILE_REFRESH"),
-        SNAP,
+        MANEUVER,
         CHECK,
         RENDER,
     ),
@@ -201,7 +214,7 @@ SLOTS: dict[str, tuple[Slot | None, ...]] = {
         ADD_LIDAR,
         Slot("unisim.import_scene", "Import Trained Scene", "IMPORT"),
         Slot("unisim.shift_ego", "Shift Lane", "ARROW_LEFTRIGHT"),
-        None,
+        MANEUVER,
         Slot("unisim.export_scenario", "Export Scenario", "EXPORT"),
         CHECK,
         RENDER,
@@ -242,7 +255,7 @@ SLOTS: dict[str, tuple[Slot | None, ...]] = {
         MARK,
         Slot("unisim.shift_ego", "Shift Ego Lane", "ARROW_LEFTRIGHT"),
         ADD_CAMERA,
-        ADD_LIDAR,
+        MANEUVER,
         CHECK,
         RENDER,
     ),
@@ -282,7 +295,22 @@ class UNISIM_MT_pie(bpy.types.Menu):
                 setattr(button, name, value)
 
 
-CLASSES = (UNISIM_MT_object, UNISIM_MT_render, UNISIM_MT_view, UNISIM_MT_pie)
+class UNISIM_MT_maneuver_pie(bpy.types.Menu):
+    """Maneuvers of the active actor, or of a new one"""
+
+    bl_label = "Maneuver"
+    bl_description = "Maneuvers of the active actor, or of a new one"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw a slot for each, and for rows and classes."""
+        pie = self.layout.menu_pie()
+        pie.operator_enum("unisim.maneuver", "kind")
+        pie.operator("unisim.row_of_cones", icon="CONE")
+        pie.operator("unisim.parked_row", icon="AUTO")
+        pie.operator_menu_enum("unisim.swap_class", "group", icon="MOD_INSTANCE")
+
+
+CLASSES = (UNISIM_MT_object, UNISIM_MT_render, UNISIM_MT_view, UNISIM_MT_pie, UNISIM_MT_maneuver_pie)
 HANDLERS = (("load_post", note_cameras), ("depsgraph_update_post", follow_camera))
 
 
@@ -291,6 +319,7 @@ def register() -> None:
     add(CLASSES)
     bpy.types.VIEW3D_MT_view.append(draw_view_menu)
     bpy.types.VIEW3D_MT_object.append(draw_object_menu)
+    bpy.types.VIEW3D_MT_object_context_menu.prepend(draw_context_menu)
     bpy.types.VIEW3D_MT_add.append(draw_add_menu)
     bpy.types.TOPBAR_MT_render.append(draw_render_menu)
     configuration = bpy.context.window_manager.keyconfigs.addon
@@ -312,6 +341,7 @@ def unregister() -> None:
         keys.keymap_items.remove(item)
     bpy.types.TOPBAR_MT_render.remove(draw_render_menu)
     bpy.types.VIEW3D_MT_add.remove(draw_add_menu)
+    bpy.types.VIEW3D_MT_object_context_menu.remove(draw_context_menu)
     bpy.types.VIEW3D_MT_object.remove(draw_object_menu)
     bpy.types.VIEW3D_MT_view.remove(draw_view_menu)
     take_away(CLASSES)

@@ -13,12 +13,13 @@ from mathutils import Matrix
 
 from ...core.geometry import invert_pose
 from ...core.meshes.read import read_mesh
-from ...core.scenario.edits import CopyStatic, RemoveStatic
+from ...core.scenario.edits import CopyStatic, RemoveStatic, Row
 from ...core.scenario.edits.ego_body import DEFAULT_LABEL, EgoBody
 from ...core.scenario.motion.placement import pose_of
 from ...core.scenario.sensors.document import CameraSpec, LidarSpec
 from ...core.scenario.types import FRAME_FORMATS, FrameRange, Scenario
 from ...core.world.drive import Actor, Camera, Drive, Lidar
+from ...editing.edits.maneuvers import ManeuverNote
 from ...editing.reading.scenario import names_captures, span_s, stated_text
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import optical
@@ -34,6 +35,7 @@ from ..objects.trajectories import remove
 from . import carriers  # noqa: F401 so that all are registered
 from .carriers.carrier import CARRIERS, Edited
 from .carriers.scale import note_scale
+from .rows import row_text
 
 
 @dataclass(frozen=True)
@@ -132,6 +134,8 @@ def apply_actors(target: Target) -> Iterator[None]:
         if uid not in recorded.actors and not actor.is_ego_body:
             mesh = actor.appearance.mesh
             obj = object_of(uid, read_mesh(Path(mesh)), actor.label) if mesh else new_actor(uid, actor)
+            rows = (edit for edit in target.scenario.edits if isinstance(edit, Row))
+            obj.unisim.row = next((row_text(row) for row in rows if uid.rpartition(" ")[0] == row.id), "")
             collection_of(scene, "ACTOR").objects.link(obj)
             _apply(target, obj, actor, None if mesh else actor.appearance.actor if not actor.appearance.scene else "")
             source = None if mesh or actor.appearance.scene else recorded.actors.get(actor.appearance.actor)
@@ -151,6 +155,7 @@ def _risen(now: Actor, before: Actor) -> float:
 def _apply(target: Target, obj: bpy.types.Object, actor: Actor, own_appearance: str | None) -> None:
     for carrier in CARRIERS.values():
         carrier.apply(obj, Edited(actor, target.edited, own_appearance, target.clock))
+    obj.unisim.maneuvers = str(ManeuverNote.of_edits(target.scenario.edits, actor.uid) or "")
 
 
 def apply_sensors(target: Target) -> None:

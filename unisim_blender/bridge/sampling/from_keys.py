@@ -38,6 +38,8 @@ OWN_PROPERTIES = (
     "called",
     "called_as",
     "scale_lift_m",
+    "row",
+    "maneuvers",
 )
 KEYABLE_PROPERTIES = ("location", "rotation_quaternion", "rotation_euler", "scale")
 DELTA_PROPERTIES = ("delta_location", "delta_rotation_euler", "delta_rotation_quaternion", "delta_scale")

@@ -28,7 +28,7 @@ from ..objects.imported import (
     skipped_sensors,
     title_of,
 )
-from ..objects.meshes import extent_of, mesh_model_of
+from ..objects.meshes import extent_of, mesh_model_of, size_of
 from ..objects.sensors import camera_model_of
 from ..objects.trajectories import span_of
 
@@ -109,6 +109,11 @@ def described(
         called=title_of(obj),
         sees_body=sees_body(obj),
         span=span_of(obj),
+        row=about.row,
+        maneuvers=about.maneuvers,
+        size_m=tuple(size_of(obj).tolist())
+        if about.kind == "ACTOR" and (about.maneuvers or not about.mesh)
+        else (0.0, 0.0, 0.0),
     )
 
 

@@ -5,6 +5,8 @@ when the actor changed; distance and speed at another frame then take one step f
 
 from __future__ import annotations
 
+from collections.abc import Container
+
 import bpy
 import numpy as np
 
@@ -75,9 +77,9 @@ def there_of(obj: bpy.types.Object, frames: FloatArray) -> BoolArray:
     return shown_by_keys(obj, frames) & (not obj.hide_render)
 
 
-def neighbours(scene: bpy.types.Scene, new: bpy.types.Object, drive: Drive, clock: Clock) -> list[Neighbour]:
-    """Return the actors of a scene beside a new one."""
-    actors = [obj for obj in imported_objects(scene, "ACTOR") if obj != new and not obj.hide_render]
+def neighbours(scene: bpy.types.Scene, new: Container[bpy.types.Object], drive: Drive, clock: Clock) -> list[Neighbour]:
+    """Return the actors of a scene beside new ones."""
+    actors = [obj for obj in imported_objects(scene, "ACTOR") if obj not in new and not obj.hide_render]
     return [
         Neighbour(poses_of(obj, clock.frames), there_of(obj, clock.frames), class_of(obj, drive), size_of(obj))
         for obj in actors

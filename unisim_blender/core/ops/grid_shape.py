@@ -79,5 +79,5 @@ class GridArrays:
         self.stride_y = np.array(strides_y, np.uint32)
         self.stride_z = np.array(strides_z, np.uint32)
         self.scale = np.array(shape.scale, np.float32)
-        arrays = (self.scale, self.offset, self.size, self.stride_y, self.stride_z)
-        self.struct = native.GridStruct(shape.levels, shape.features, self.rows, *(a.ctypes.data for a in arrays))
+        self.arrays = (self.scale, self.offset, self.size, self.stride_y, self.stride_z)
+        self.struct = native.GridStruct(shape.levels, shape.features, self.rows, *(a.ctypes.data for a in self.arrays))

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from .. import native
+from .. import cuda_driver, native
 from ..errors import UnisimError
 from ..geometry import FloatArray
 from ..native import VARIANT_VARIABLE
@@ -26,6 +26,7 @@ from ..render.code_identity import code_identity
 from ..render.quality import quality_named
 from ..render.renderer import Renderer
 from ..render.tracer import Backend
+from ..render.tracers.compiled.gpu import GpuBackend, GpuScene
 from ..render.tracers.compiled.scene import CompiledScene, not_taken
 from ..render.tracers.compiled.tracer import CompiledBackend
 from ..render.tracers.surfels.build import Step
@@ -34,21 +35,25 @@ from .scene import Scene
 
 Loaded = dict[tuple[str, str, Scene], Any]
 """Scenes that are loaded, by what computes them, device, and scene."""
-COMPILED, TORCH = "compiled", "torch"
+COMPILED, GPU, TORCH = "compiled", "gpu", "torch"
 
 
 def backend_name(device: str, scenes: Sequence[Scene] = ()) -> str:
-    """Return what computes scenes together on a device: `COMPILED` or `TORCH`. Raises `SceneError`."""
-    kernels = device == "cpu" and native.library() is not None
-    return COMPILED if kernels and not any(not_taken(scene.config) for scene in scenes) else TORCH
+    """Return what computes scenes together on a device: `COMPILED`, `GPU` or `TORCH`. Raises `SceneError`."""
+    if native.library() is None or any(not_taken(scene.config) for scene in scenes):
+        return TORCH
+    if device == "cuda" and not cuda_driver.missing():
+        return GPU
+    return COMPILED if device == "cpu" else TORCH
 
 
 def environment(device: str, scenes: Sequence[Scene] = ()) -> dict[str, str]:
     """Return what else equal bytes depend on: machine, instruction set, libraries that compute. ModuleNotFoundError names the
     one that is not installed."""
     common = {"machine": platform.machine(), "device": device, "numpy": np.__version__}
-    if backend_name(device, scenes) == COMPILED:
-        return {**common, "kernels": str(native.ABI_VERSION), "instruction_set": native.variant()}
+    if (name := backend_name(device, scenes)) != TORCH:
+        kernels = {"kernels": str(native.ABI_VERSION), "instruction_set": native.variant()}
+        return {**common, **kernels, **({"gpu": cuda_driver.gpu().name} if name == GPU else {})}
     import torch
 
     return {**common, "torch": torch.__version__, "instruction_set": torch.backends.cpu.get_cpu_capability()}
@@ -77,6 +82,8 @@ def load_backend(
     own, of_quality = scenes.pop(""), quality_named(quality)
     if name == COMPILED:
         return CompiledBackend(own, of_quality, scenes)
+    if name == GPU:
+        return GpuBackend(own, of_quality, scenes)
     from ..render.tracers.torch.tracer import TorchBackend
 
     return TorchBackend(own, of_quality, scenes)
@@ -85,6 +92,8 @@ def load_backend(
 def _load(name: str, scene: Scene, device: str) -> Any:
     if name == COMPILED:
         return CompiledScene(scene.path, header=scene.header)
+    if name == GPU:
+        return GpuScene(CompiledScene(scene.path, header=scene.header), cuda_driver.gpu())
     from ..model.checkpoint import load_scene
 
     return load_scene(scene.path, device, scene.header)
@@ -199,10 +208,12 @@ def difference(planned: Mapping[str, str], here: Mapping[str, str]) -> str:
     return ""
 
 
-def pick_device(name: str) -> str:
-    """Return a device by its name; "auto" is the best there is here: the CPU, where torch is not installed."""
+def pick_device(name: str, trains: bool = False) -> str:
+    """Return a device by its name; "auto" is the best there is here to render, or to train, which takes torch's."""
     if name != "auto":
         return name
+    if not trains and not cuda_driver.missing():
+        return "cuda"
     try:
         import torch
     except ModuleNotFoundError:

@@ -8,6 +8,7 @@ import sys
 from importlib import metadata, util
 from typing import Any
 
+from .. import cuda_driver
 from ..native import variant
 from ..scenes.recipe import environment, pick_device
 
@@ -41,6 +42,8 @@ def about() -> dict[str, Any]:
 
 
 def _device_bytes() -> int:
+    if not cuda_driver.missing():
+        return cuda_driver.gpu().total_bytes()
     import torch
 
     return int(torch.cuda.get_device_properties(0).total_memory)

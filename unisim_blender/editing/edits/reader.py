@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 from ...core.errors import ScenarioError
 from ...core.geometry import BoolArray, FloatArray
 from ...core.scenario.edit import Edit
+from ...core.scenario.motion.maneuvers import Maneuver
 from ...core.scenario.motion.placement import BoxSpec
 from ...core.world.drive import Actor, Drive
 from ..sampled.axes import axes_of
@@ -29,13 +30,14 @@ EditT = TypeVar("EditT", bound=Edit)
 @dataclass(frozen=True)
 class ReadContext:
     """A sampled scene and what it is read against. Ids of new actors go into ``taken``, boxes of static items into
-    ``boxes``; ``relative`` gives a file or a folder as the scenario names it."""
+    ``boxes``, maneuvers into ``maneuvers``; ``relative`` gives a file or a folder as the scenario names it."""
 
     sampled: Sampled
     drive: Drive
     taken: set[str]
     relative: Callable[[str], str] = str
     boxes: dict[str, BoxSpec] = field(default_factory=dict)
+    maneuvers: list[Maneuver] = field(default_factory=list)
 
     @property
     def clock(self) -> Clock:

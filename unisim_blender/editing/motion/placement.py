@@ -88,13 +88,7 @@ def place_ahead(
     vehicle = Vehicle()
     speed_m_s = float(motion_of(ego[:, :3, 3], times_s).speed_m_s[at])
     nearest = vehicle.length_m - vehicle.rear_overhang_m + max(GAP_M, HEADWAY_S * speed_m_s) + length / 2
-    there = np.stack([np.ones(len(ego), bool), *(other.there for other in others)])
-    taken = np.stack(
-        [
-            _boxes(ego, vehicle.length_m, vehicle.width_m, vehicle.length_m / 2 - vehicle.rear_overhang_m),
-            *(_boxes(other.poses, float(other.size_m[0]), float(other.size_m[1])) for other in others),
-        ]
-    )
+    taken, there = taken_by(ego, others)
     best, fewest = None, np.inf
     for place in _places(ego, _followed(label, ego, others, at, nearest, times_s), at, nearest):
         along, beside = (0.0, CLEAR_M[1]) if place.stands else CLEAR_M
@@ -117,6 +111,25 @@ def heading_along(point: FloatArray, paths: Sequence[FloatArray]) -> float:
     poses = np.concatenate(leading)
     nearest = poses[np.linalg.norm((poses[:, :3, 3] - point)[:, :2], axis=1).argmin()]
     return float(np.arctan2(nearest[1, 0], nearest[0, 0]))
+
+
+def taken_by(ego: FloatArray, others: Sequence[Neighbour]) -> tuple[FloatArray, BoolArray]:
+    """Return the boxes (A, N, 5) in the plane of the ego vehicle, at poses (N, 4, 4), and of others, and when they are
+    present (A, N)."""
+    vehicle = Vehicle()
+    boxes = [
+        _boxes(ego, vehicle.length_m, vehicle.width_m, vehicle.length_m / 2 - vehicle.rear_overhang_m),
+        *(_boxes(other.poses, float(other.size_m[0]), float(other.size_m[1])) for other in others),
+    ]
+    return np.stack(boxes), np.stack([np.ones(len(ego), bool), *(other.there for other in others)])
+
+
+def meetings(
+    poses: FloatArray, present: BoolArray, size_m: FloatArray, taken: FloatArray, there: BoolArray
+) -> BoolArray:
+    """Return whether an actor at poses (N, 4, 4), present (N,), overlaps each of the boxes (A, N, 5) that are ``there``
+    (A, N): (A, N)."""
+    return np.asarray(overlap(_boxes(poses, float(size_m[0]), float(size_m[1]))[None], taken) & there & present)
 
 
 def _places(ego: FloatArray, paths: Sequence[Followed], at: int, nearest_m: float) -> Iterator[InsertPlace]:

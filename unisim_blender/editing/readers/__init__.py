@@ -8,3 +8,4 @@ from .actors import Actors as Actors
 from .static_items import StaticItems as StaticItems
 from .ego import EgoReader as EgoReader
 from .sensors import SensorReader as SensorReader
+from .maneuvers import Maneuvers as Maneuvers

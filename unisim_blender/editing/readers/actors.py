@@ -4,11 +4,12 @@ id to them.
 Of recorded actors: `remove`, without an object or with one that is not rendered; `swap`, with the appearance of another
 one; `move`, elsewhere or at other times than recorded; `scale`, drawn larger or smaller than imported. New ones:
 `duplicate`, a copy of a recorded actor's object; `insert`, an object with an appearance that is not its source's, or of
-an actor that the recording does not have; `insert_mesh`, an object that is a mesh.
+an actor that the recording does not have; `insert_mesh`, an object that is a mesh; `row`, copies that stand in one.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,13 +19,17 @@ import numpy as np
 from ...core.actor_images.names import plain_names
 from ...core.errors import ScenarioError
 from ...core.geometry import BoolArray, FloatArray, invert_pose
+from ...core.scenario import build
 from ...core.scenario.edit import Edit
-from ...core.scenario.edits import Duplicate, Insert, InsertMesh, Move, Remove, Scale, Swap
+from ...core.scenario.edits import Duplicate, Insert, InsertMesh, Move, Remove, Row, Scale, Swap
 from ...core.scenario.edits.move import shifted
+from ...core.scenario.edits.row import clear, standing
 from ...core.scenario.motion.keys import Present
+from ...core.scenario.motion.maneuvers import Maneuver
 from ...core.scenario.motion.paths import arc_lengths_of, is_path
 from ...core.world.drive import Actor
 from ..edits.lines import EditLine, joined, line_of, path_phrases, unmoved
+from ..edits.maneuvers import PLACED, noted
 from ..edits.reader import (
     ACTORS,
     NEW_ACTORS,
@@ -37,22 +42,25 @@ from ..edits.reader import (
 )
 from ..edits.trajectories import present, vector
 from ..sampled.clock import Clock, recorded_poses
-from ..sampled.scene import SAME_M, UNIT, SampledObject, differ, refusal, same, same_turn, scale_text
+from ..sampled.scene import SAME_M, UNIT, SampledObject, differ, near, refusal, same, same_turn, scale_text
 from ..texts import LOWER, Text, cased
 
 LATER_DIGITS, OFFSET_DIGITS, AHEAD_DIGITS = 4, 5, 2
 """Of a shift's seconds and metres: Blender's float32 keys tell no more."""
 SAME_LATER_S = 1e-3
-NEAR_M, NEAR_RAD = 2e-3, 1e-3
+ALONG = 8.0
+"""By how much less what is shifted along a path agrees: keys turn between frames as numbers do."""
 
 
 class ReadEdit(NamedTuple):
-    """An edit, its reader, and the object that it was read off. ``has_line``: whether it has a line of its own."""
+    """An edit, its reader, and the object that it was read off. ``has_line``: whether it has a line of its own.
+    ``maneuvers`` come after it, and are told in its place."""
 
     edit: Edit
     reader: ActorReader[Any] | NewActorReader[Any]
     context: ActorEditContext
     has_line: bool = True
+    maneuvers: tuple[Maneuver, ...] = ()
 
 
 @register
@@ -64,17 +72,21 @@ class Actors(GroupReader):
     by_id = True
 
     def edits(self, reading: ReadContext) -> Iterator[Edit]:
-        """The edits of the recorded actors by their ids, then of inserted ones."""
-        by_id = _by_id(reading)
+        """The edits of the recorded actors by their ids, then of inserted ones and of rows."""
+        rows = list(_rows(reading))
+        standing = {obj.name for _, members in rows for obj in members}
+        by_id = {uid: [obj for obj in objects if obj.name not in standing] for uid, objects in _by_id(reading).items()}
         for uid in sorted(reading.drive.actors):
-            yield from (item.edit for item in _read_edits(reading, uid, by_id.pop(uid, [])))
+            yield from _before_maneuvers(reading, _read_edits(reading, uid, by_id.pop(uid, [])))
         for uid, objects in by_id.items():
-            yield from (item.edit for item in _read_edits(reading, uid, objects))
+            yield from _before_maneuvers(reading, _read_edits(reading, uid, objects))
+        yield from (row for row, _ in rows)
 
     def lines(self, reading: ReadContext, uid: str) -> Iterator[EditLine]:
         """The edits of one id."""
-        for item in _read_edits(reading, uid, _by_id(reading).get(uid, [])):
-            line = item.reader.line(item.edit, item.context) if item.has_line else None
+        for item in read_edits(reading, uid):
+            has_line = item.has_line and not item.maneuvers
+            line = item.reader.line(item.edit, item.context) if has_line else None
             if line is not None:
                 yield line
 
@@ -91,6 +103,14 @@ class Actors(GroupReader):
         }
 
 
+def _before_maneuvers(reading: ReadContext, items: Iterable[ReadEdit]) -> Iterator[Edit]:
+    """Yield the edits; maneuvers go to ``reading``, as they come after all others of actors and of the ego vehicle."""
+    for item in items:
+        reading.maneuvers.extend(item.maneuvers)
+        if not isinstance(item.edit, Maneuver):
+            yield item.edit
+
+
 def _by_id(reading: ReadContext) -> dict[str, list[SampledObject]]:
     by_id: dict[str, list[SampledObject]] = {}
     for obj in reading.sampled.of("ACTOR"):
@@ -100,18 +120,62 @@ def _by_id(reading: ReadContext) -> dict[str, list[SampledObject]]:
     return by_id
 
 
+def row_of(text: str) -> Row | None:
+    """Return the row that an object notes as JSON; None where it notes none."""
+    row = build(Edit, json.loads(text)) if text else None
+    return row if isinstance(row, Row) else None
+
+
+def _rows(reading: ReadContext) -> Iterator[tuple[Row, list[SampledObject]]]:
+    """The rows whose objects stand where their edit puts them, and these. Of some frames alone there are none."""
+    if len(reading.clock.frames) < len(reading.drive.time_s):
+        return
+    actors = list(reading.sampled.of("ACTOR"))
+    others = [(obj.poses[obj.there], np.array(obj.size_m)) for obj in actors if not obj.row and obj.there.any()]
+    for text in sorted({obj.row for obj in actors if obj.row}):
+        row = row_of(text)
+        if row is None or row.actor not in reading.drive.actors:
+            continue
+        source = reading.drive.actors[row.actor]
+        poses = row.poses(standing(source), source.size_m, reading.drive, row.id)
+        poses = poses[clear(poses, source.size_m, others)]
+        named = {f"{row.id} {number}": pose for number, pose in enumerate(poses, 1)}
+        members = [obj for obj in actors if obj.row == text and obj.title in named and not obj.appearance]
+        members = [obj for obj in members if obj.there.all() and same(obj.poses, named[obj.title]).all()]
+        if len(members) == len(named):
+            others += [(obj.poses[:1], source.size_m) for obj in members]
+            reading.taken.update(named)
+            yield row, members
+
+
+def read_edits(reading: ReadContext, uid: str) -> Iterator[ReadEdit]:
+    """Yield the edits of one id."""
+    return _read_edits(reading, uid, _by_id(reading).get(uid, []))
+
+
 def _read_edits(reading: ReadContext, uid: str, objects: list[SampledObject]) -> Iterator[ReadEdit]:
     """The edits of one id. Copies are told beside the recorded actor: they come before what became of that."""
     actor = reading.drive.actors.get(uid)
     own = None if actor is None else original(objects, actor, reading.clock)
     for obj in objects:
         if obj is not own and obj.there.any():
-            yield from _new(ActorEditContext(reading, obj, actor))
+            yield from _with_maneuvers(list(_new(ActorEditContext(reading, obj, actor))))
     if actor is not None:
         context = ActorEditContext(reading, own, actor)
-        for reader in ACTORS:
-            if reader.of_absent == context.is_gone and (edit := reader.read(context)) is not None:
-                yield ReadEdit(edit, reader, context)
+        read = ((reader, reader.read(context)) for reader in ACTORS if reader.of_absent == context.is_gone)
+        yield from _with_maneuvers([ReadEdit(edit, reader, context) for reader, edit in read if edit is not None])
+
+
+def _with_maneuvers(items: list[ReadEdit]) -> Iterator[ReadEdit]:
+    """Yield the edits of an object; where it notes maneuvers that lead where it goes, its path as it was before them, and
+    they."""
+    placed = next((item for item in items if isinstance(item.edit, PLACED)), None)
+    edit, maneuvers = noted(placed.context, placed.edit) if placed is not None else (None, ())
+    for item in items:
+        if item is placed and maneuvers:
+            yield item._replace(edit=edit or maneuvers[-1], maneuvers=tuple(maneuvers))
+        else:
+            yield item
 
 
 def _new(context: ActorEditContext) -> Iterator[ReadEdit]:
@@ -202,17 +266,10 @@ class MoveReader(ActorReader[Move]):
         return line_of("ACTOR", edit.actor, "MOVE", words or Text("Moved"), context.names, differs, context.clock, edit)
 
 
-def near(a: FloatArray, b: FloatArray) -> BoolArray:
-    """Return which poses (N, 4, 4) agree as far as keys that were delayed do, where the log's frames are not quite evenly
-    spaced: (N,) bool."""
-    away = np.linalg.norm((a - b)[:, :3, 3], axis=-1)
-    return np.asarray((away < NEAR_M) & (np.abs((a - b)[:, :3, :3]).max((1, 2)) < NEAR_RAD))
-
-
-def _apart(actor: Actor, obj: SampledObject, clock: Clock) -> FloatArray:
-    """Return how far along an actor's axes an object mostly is from it (3,), in metres."""
+def _apart(actor: Actor, obj: SampledObject, clock: Clock, there: BoolArray) -> FloatArray:
+    """Return how far along an actor's axes an object mostly is from it (3,) at some frames (N,), in metres."""
     base = actor.world_from_actor.at(clock.times_s)
-    return np.asarray(np.median((invert_pose(base) @ obj.poses)[obj.there, :3, 3], axis=0))
+    return np.asarray(np.median((invert_pose(base) @ obj.poses)[there, :3, 3], axis=0))
 
 
 def shift_of(context: ActorEditContext) -> Move | None:
@@ -222,18 +279,32 @@ def shift_of(context: ActorEditContext) -> Move | None:
     moves = actor.is_moving and is_path(actor.world_from_actor.positions)
     if not moves or obj.appearance or obj.scale_lift_m or obj.span is None or not obj.there.any():
         return None
-    later_s = float(clock.time_s(np.array(obj.span[0]))) - float(actor.world_from_actor.times_s[0])
+    begins_s, first_s = float(clock.time_s(np.array(obj.span[0]))), float(actor.world_from_actor.times_s[0])
+    # imported trajectories may have keys from the drive's first frame on
+    starts = sorted({first_s, min(first_s, *context.reading.drive.time_s.values())})
+    return next((move for start in starts if (move := _shift_by(context, begins_s - start)) is not None), None)
+
+
+def _shift_by(context: ActorEditContext, later_s: float) -> Move | None:
+    """Return that move of an actor that is delayed by ``later_s``; None where it goes otherwise."""
+    obj, actor, clock = context.here, context.known, context.clock
+    recorded = actor.world_from_actor
     later_s = round(later_s, LATER_DIGITS) if abs(later_s) > SAME_LATER_S else 0.0
-    there, drive = obj.there, context.reading.drive
+    # beyond its keys a trajectory goes on as its last ones do, and Blender's are others
+    keyed = (clock.times_s >= recorded.times_s[0] + later_s) & (clock.times_s <= recorded.times_s[-1] + later_s)
+    there, drive = obj.there & keyed, context.reading.drive
+    if not there.any():
+        return None
     path, base = actor.world_from_actor.positions, actor.world_from_actor.at(clock.times_s - later_s)
     gone = arc_lengths_of(path, obj.poses[there, :3, 3]) - arc_lengths_of(path, base[there, :3, 3])
-    by = _apart(shifted(actor, None, later_s, float(np.median(gone)), drive), obj, clock)
+    by = _apart(shifted(actor, None, later_s, float(np.median(gone)), drive), obj, clock, there)
     for ahead_m in (0.0, round(float(np.median(gone) + by[0]), AHEAD_DIGITS)):
-        by = _apart(shifted(actor, None, later_s, ahead_m, drive), obj, clock)
+        by = _apart(shifted(actor, None, later_s, ahead_m, drive), obj, clock, there)
         offset = vector(np.round(by, OFFSET_DIGITS) + 0.0) if np.abs(by).max() > SAME_M else (0.0, 0.0, 0.0)
         after = shifted(actor, offset, later_s, ahead_m, drive)
-        agree = near if later_s or ahead_m else same
-        if agree(after.world_from_actor.at(clock.times_s), obj.poses)[there].all():
+        shift = after.world_from_actor.at(clock.times_s)
+        agree = near(shift, obj.poses, ALONG if ahead_m else 1.0) if later_s or ahead_m else same(shift, obj.poses)
+        if agree[there].all():
             break
     else:
         return None
@@ -241,7 +312,7 @@ def shift_of(context: ActorEditContext) -> Move | None:
         return None
     start, end = drive.window(after)
     then = (clock.times_s >= start) & (clock.times_s <= end)
-    shown = None if (then == there).all() else present(clock, there) or Present()
+    shown = None if (then == obj.there).all() else present(clock, obj.there) or Present()
     return Move(actor.uid, offset, later_s or None, ahead_m or None, present=shown)
 
 

@@ -23,6 +23,8 @@ BLENDER_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0, 1.0])
 """Also its own inverse."""
 SAME_M, SAME_RAD = 1e-4, 1e-5
 """Within these an object stands where it was imported."""
+NEAR_M, NEAR_RAD = 2e-3, 1e-3
+"""Within these it is where keys that were delayed put it."""
 FLOAT32_ULP = 2.0**-23
 
 
@@ -60,6 +62,13 @@ def same_place(a: FloatArray, b: FloatArray) -> BoolArray:
     """Return which positions of poses (..., 4, 4) agree: (...) bool."""
     away = np.linalg.norm(a[..., :3, 3] - b[..., :3, 3], axis=-1)
     return np.asarray(away <= SAME_M + 4 * FLOAT32_ULP * np.abs(b[..., :3, 3]).max(-1))
+
+
+def near(a: FloatArray, b: FloatArray, times: float = 1.0) -> BoolArray:
+    """Return which poses (N, 4, 4) agree as far as keys that were delayed do, where the log's frames are not quite evenly
+    spaced, or a number of ``times`` less: (N,) bool."""
+    away = np.linalg.norm((a - b)[:, :3, 3], axis=-1)
+    return np.asarray((away < times * NEAR_M) & (np.abs((a - b)[:, :3, :3]).max((1, 2)) < times * NEAR_RAD))
 
 
 def same_turn(a: FloatArray, b: FloatArray) -> BoolArray:
@@ -107,9 +116,10 @@ class SampledObject:
     it is drawn; ``mesh`` is the file of the model that an actor's own surface is, whose middle the poses are of, and
     ``label`` its class. ``scaling`` is how much larger it is drawn than it was imported; a mesh's scale is in its
     model. ``sees_body``: whether meshes that are the ego vehicle's body are visible to it. ``called`` is its name in
-    the scenario where that is not ``name``; ``span`` are the frames of its trajectory's first and last key. For the
-    edits list alone: ``ridden`` are the poses (N, 4, 4) of its trajectory, ``scale_lift_m`` how far it was lifted along
-    its own axis for its scale."""
+    the scenario where that is not ``name``; ``span`` are the frames of its trajectory's first and last key,
+    ``maneuvers`` those that it notes, as JSON, and ``row`` the edit `row` that put it there. For the edits list alone:
+    ``ridden`` are the poses (N, 4, 4) of its trajectory, ``scale_lift_m`` how far it was lifted along its own axis for
+    its scale."""
 
     name: str
     kind: str
@@ -130,6 +140,8 @@ class SampledObject:
     called: str = ""
     ridden: FloatArray | None = None
     span: tuple[float, float] | None = None
+    row: str = ""
+    maneuvers: str = ""
     scale_lift_m: float = 0.0
 
     @property

@@ -19,7 +19,10 @@ from .stated import numbers_of, value_of
 
 MEMBERS = ("edits", "simulation", "sensors")
 """Members of a scenario that parameters may lie in."""
-_LEFT_OUT = ("type", "id", "mesh", "scene", "trajectory", "map", "box", "label", "outside", "quaternion_wxyz")
+_LEFT_OUT = (
+    *("type", "id", "mesh", "scene", "trajectory", "map", "box", "label", "outside", "quaternion_wxyz", "leader"),
+    *("along", "path"),
+)
 """Members that are no choice of a sweep: nobody varies one key of a trajectory, or one number of a rotation."""
 WORDS: dict[str, tuple[str, float]] = {
     "offset_m/0": (translatable("forward"), 5.0),
@@ -34,8 +37,22 @@ WORDS: dict[str, tuple[str, float]] = {
     "position/2": (translatable("place along z"), 0.2),
     "yaw_deg": (translatable("heading"), 10.0),
     "turn_deg": (translatable("turned left"), 10.0),
+    "start_m": (translatable("from"), 5.0),
+    "end_m": (translatable("to"), 5.0),
+    "end_left_m": (translatable("left at the end"), 1.0),
+    "spacing_m": (translatable("spacing"), 0.0),
+    "count": (translatable("number"), 2.0),
     "shift_left_m": (translatable("left"), 1.0),
     "speed": (translatable("speed, as a factor"), 0.0),
+    "speed_m_s": (translatable("speed"), 0.0),
+    "deceleration_m_s2": (translatable("deceleration"), 0.0),
+    "at_s": (translatable("time"), 1.0),
+    "left_m": (translatable("left"), 1.0),
+    "edits/gap_s": (translatable("gap"), 0.0),
+    "edits/gap_m": (translatable("gap"), 0.0),
+    "from_m": (translatable("distance aside"), 2.0),
+    "lane_m": (translatable("distance aside"), 0.5),
+    "side": (translatable("side"), 0.0),
     "headway_s": (translatable("gap in time"), 0.0),
     "gap_m": (translatable("gap at rest"), 0.0),
     "acceleration_m_s2": (translatable("acceleration"), 0.0),
@@ -174,7 +191,7 @@ def _words(path: tuple[str | int, ...]) -> tuple[str, float]:
     number = path[-1] if isinstance(path[-1], int) else None
     unit = next((UNITS[end] for end in sorted(UNITS, key=len, reverse=True) if name.endswith(f"_{end}")), "")
     key = name.removeprefix("world_") if number is None else f"{name.removeprefix('world_')}/{number}"
-    words, reach = WORDS.get(key, ("", 0.0))
+    words, reach = WORDS.get(f"{path[0]}/{key}", WORDS.get(key, ("", 0.0)))
     if name.startswith("world_"):
         words = WORDS[f"position/{number}"][0]
     elif not words:

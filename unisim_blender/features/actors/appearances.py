@@ -369,7 +369,7 @@ def put_ahead(scene: bpy.types.Scene, obj: bpy.types.Object, actor: Actor) -> No
     source = source_of(scene)
     drive, clock = source.drive, Clock.of(source.drive)
     at = int(np.abs(clock.frames - frame_of(scene)).argmin())
-    ego, others = ego_poses(scene, drive, clock), neighbours(scene, obj, drive, clock)
+    ego, others = ego_poses(scene, drive, clock), neighbours(scene, [obj], drive, clock)
     size_m = actor.appearance_size_m
     place = place_ahead(actor.label, size_m, ego, others, at, clock.times_s)
     ground_m = None if place.height_m else ground_height(source, place.road, int(clock.frames[at]))

@@ -10,7 +10,7 @@ from ...bridge.views.actors import card_of
 from ...core.errors import UnisimError
 from ...editing.actors.table import ActorCard
 from ...editing.sampled.scene import size_text
-from ...editing.texts import UPPER, cased, kmh
+from ...editing.texts import kmh
 from ...translations import interface, localized
 from ..sidebar import DrivePanel, row_of
 from . import thumbnails
@@ -58,7 +58,7 @@ def card_lines(card: ActorCard) -> tuple[str, ...]:
     if card.present_s is not None:
         present = interface("Present {start:.1f} to {end:.1f} s", start=card.present_s[0], end=card.present_s[1])
     distance = interface("{speed}, {distance:.1f} m away", speed=kmh(card.speed_m_s), distance=card.distance_m)
-    return card.name, card.label, localized(cased(card.role, UPPER)), card.size, distance, present
+    return card.name, f"{card.label}, {localized(card.role)}", card.size, distance, present
 
 
 class UNISIM_PT_actor(DrivePanel, bpy.types.Panel):
@@ -74,11 +74,12 @@ class UNISIM_PT_actor(DrivePanel, bpy.types.Panel):
         row = layout.box().split(factor=0.34)
         row.template_icon(portrait(context) if card else thumbnails.grey(), scale=PORTRAIT_SCALE)
         lines = row.column(align=True)
-        for text in card_lines(card) if card else (interface("No active actor"), *"–––––"):
+        for text in card_lines(card) if card else (interface("No active actor"), *"––––"):
             lines.label(text=text, translate=False)
         column = layout.column(align=True)
         column.operator_menu_enum("unisim.duplicate_actor", "where", text="Duplicate", icon="DUPLICATE")
         column.operator("unisim.delete_actor", text="Delete", icon="TRASH")
+        column.operator_menu_enum("unisim.maneuver", "kind", icon="CON_FOLLOWPATH")
         column.operator_menu_enum("unisim.retime_actor", "mode", text="Retime", icon="TIME")
         column.operator("unisim.shift_actor", icon="ARROW_LEFTRIGHT")
         column.operator("unisim.follow_curve", icon="CURVE_PATH")
@@ -99,6 +100,8 @@ class UNISIM_PT_insert(DrivePanel, bpy.types.Panel):
         column = self.layout.column(align=True)
         column.operator("unisim.insert_actor", icon="ADD")
         column.operator("unisim.insert_from", icon="FILE_FOLDER")
+        column.operator("unisim.row_of_cones", icon="CONE")
+        column.operator("unisim.parked_row", icon="AUTO")
         column.operator("unisim.mesh_actor", icon="MESH_MONKEY")
         column.operator("unisim.release_mesh", icon="X")
 

@@ -88,9 +88,11 @@ class UniSimObject(bpy.types.PropertyGroup):
     sees_ego_body: EnumProperty(
         name="Sees ego body", description="When a sensor sees the body of the ego vehicle", items=SIGHTS
     )
+    row: StringProperty(description="Row that the object stands in, as an edit of a scenario")
     stamp: StringProperty(description="Changes whenever the LiDAR points change")
     called: StringProperty(description="Identifier in scenarios, for objects that were copied with a variant")
     called_as: StringProperty(description="Object name for which that identifier is valid")
+    maneuvers: StringProperty(description="Maneuvers that lead to its trajectory, as JSON")
     rest_location: FloatVectorProperty(size=3, description="Offset from the trajectory before the first keyframe")
     rest_scale: FloatVectorProperty(
         size=3, description="Scale that the location accounts for; zero where none was noted"

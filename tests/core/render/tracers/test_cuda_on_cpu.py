@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from instruction_sets import GPU_ON_CPU, run_with
+from numpy.typing import NDArray
 from random_scene import CONFIGS, PASSES, edited, image_rays, saved
 from render.tracers.test_compiled_tracer import FEW, bits, needs_library, sweep_rays
 from whole_drive import bound_to
@@ -38,9 +40,9 @@ np.savez(sys.argv[1], **marched(Path(sys.argv[2])))
 """
 
 
-def marched(folder: Path) -> dict[str, np.ndarray]:
+def marched(folder: Path) -> dict[str, NDArray[Any]]:
     """All passes of an image and a sweep at the qualities that march, and the numbers of evaluated samples."""
-    results: dict[str, np.ndarray] = {}
+    results: dict[str, NDArray[Any]] = {}
     drive = edited()
     for name in ("fast", "balanced", "fine"):
         tracer = bound_to(CompiledBackend(CompiledScene(folder), QUALITIES[name]), drive)

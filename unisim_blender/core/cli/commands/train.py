@@ -105,7 +105,7 @@ def command(  # noqa: PLR0913
     check_names("--cameras", names, available)
     for sentence in doubts(recorded, names, chosen):
         click.echo(sentence, err=True)
-    picked = pick_device(device)
+    picked = pick_device(device, trains=True)
     patches, lidar_rays = ray_counts(picked, rays)
     config = TrainConfig(
         cameras=names, lidars=chosen, frames=select_frames(frames, recorded.drive.frames), width=width,

@@ -21,3 +21,4 @@ from .brake import Brake as Brake
 from .cut_in import CutIn as CutIn
 from .cross import Cross as Cross
 from .follow import Follow as Follow
+from .row import Row as Row

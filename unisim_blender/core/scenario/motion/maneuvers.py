@@ -32,8 +32,9 @@ WANDER_M = 0.05
 """What stands, and is annotated so far from where it stands, goes nowhere."""
 SPEED_S = 0.2
 """Half of the time over which a speed is taken."""
-FADE_S = 1.6
-"""Time in which the difference between a trajectory and its smooth course fades at the start of a maneuver."""
+FADE_S, FADE_M = 1.6, 8.0
+"""Time, and length at least, over which the difference between a trajectory and its smooth course fades at the start of a
+maneuver. What stands stays where it is."""
 STEEPEST, LATERAL_M_S2 = 0.35, 1.5
 """Largest slope of a path to the lane that is left, and lateral acceleration, by default."""
 FASTER_M_S2, SLOWER_M_S2 = 2.5, 3.5
@@ -150,7 +151,9 @@ def joined(actor: Actor, since_s: float, times_s: FloatArray, places: FloatArray
     """Return an actor's trajectory that goes through places (N, 3) with headings (N,) at times (N,) from ``since_s``, the
     first of them, on; what it is apart from them then fades."""
     base = actor.world_from_actor
-    here, fade = base.at(since_s), 1 - ease((times_s - since_s) / FADE_S)
+    gone = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1)))
+    speed = gone[1:2].sum() / max(float(np.diff(times_s[:2]).sum()), 1e-6)
+    here, fade = base.at(since_s), 1 - ease(gone / max(FADE_S * speed, FADE_M))
     yaw = np.arctan2(here[1, 0], here[0, 0])
     turned = (yaw - headings[0] + np.pi) % (2 * np.pi) - np.pi
     backward = np.pi * np.sign(turned) if abs(turned) > np.pi / 2 else 0.0  # a box that is annotated so stays so
@@ -173,7 +176,7 @@ def throughout(times_s: FloatArray, places: FloatArray, headings: FloatArray) ->
 class Maneuver(Edit):
     """New motion of an actor from a few numbers."""
 
-    seen_by = "actors"
+    seen_by = "maneuvers"
 
     actor: str
 

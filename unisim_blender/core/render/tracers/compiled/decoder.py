@@ -117,6 +117,14 @@ class Decoder:
         """The address of the head that takes the view direction at every sample; None where it enters once per ray."""
         return None if self._sample is None else ctypes.addressof(self._sample.struct)
 
+    @property
+    def sample_arrays(self) -> tuple[native.HeadStruct | None, list[Array]]:
+        """That head's structure, None where there is none, and the arrays that its layers point to."""
+        if self._sample is None:
+            return None, []
+        arrays = [array for layer in self._sample.layers for array in (layer.weight, layer.bias)]
+        return self._sample.struct, [array for array in arrays if array is not None]
+
     def _run(self, head: _Head, feature: NDArray[Any], directions: NDArray[Any], extra: Array) -> Array:
         n = len(directions)
         feature, directions = _contiguous(feature, (n, self._config.features)), _contiguous(directions, (n, 3))

@@ -172,7 +172,8 @@ class CompiledScene:
         weights.check_shapes(shapes)
         if new is None:
             check_belongs(self.header)
-        self._alive: list[Any] = []
+        self.arrays: list[NDArray[Any]] = []
+        """All arrays that the structure points to."""
         voxel_shapes = stored_voxels(config, size)
         shape, ground = voxel_shapes["occupancy.values"], shapes["ground.heights"]
         voxels = self._voxels = self._keep(weights.voxels("occupancy.values", shape))
@@ -279,7 +280,7 @@ class CompiledScene:
         return outside | (self.observed[cell[:, 0], cell[:, 1], cell[:, 2]] > 0)
 
     def _keep(self, array: Any) -> Any:
-        self._alive.append(array)
+        self.arrays.append(array)
         return array
 
     def _array(self, name: str) -> NDArray[Any]:
@@ -293,7 +294,8 @@ class CompiledScene:
     def _field(self, network: str, table_name: str, grid: GridShape) -> FieldStruct:
         table = self._array(table_name)
         table = self._keep(table if table.dtype == np.float16 else floats(table))
-        arrays = self._keep(GridArrays(grid))
+        arrays = GridArrays(grid)
+        self.arrays += arrays.arrays
         return FieldStruct(arrays.struct, address(table), int(table.dtype == np.float16), self._network(network))
 
 

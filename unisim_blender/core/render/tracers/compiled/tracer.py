@@ -96,6 +96,13 @@ class CompiledActors:
         self._removals = doubles([invert_pose(box.world_from_box)[:3] for box in active.removals])
         self._removal_sizes = floats([box.size_m for box in active.removals])
 
+    @property
+    def arrays(self) -> list[NDArray[Any]]:
+        """The arrays that `struct` points to, but for those that it returns."""
+        boxes = [*self.actor_sets, *([] if self.copies is None else [self.copies])]
+        of_boxes = [array for each in boxes for array in each.arrays.values()]
+        return [*of_boxes, self._sources, self._removals, self._removal_sizes]
+
     def struct(self, rays: Rays) -> tuple[ActiveActorsStruct, list[Any], int]:
         """Return the structure for these flat rays, the arrays that it points to beside this object's, and the number
         of culled actors."""
@@ -248,7 +255,7 @@ class CompiledTracer:
         assert library is not None
         struct = RaysStruct(len(order), *map(address, (rays.origins, rays.directions, rays.time_s, order, starts)))
         active, _referenced, skipped = self._compiled_actors.struct(some)
-        meshes = None if mesh_hits is None else _MeshHitArrays(mesh_hits)
+        meshes = None if mesh_hits is None else MeshHitArrays(mesh_hits)
         samples = np.zeros(1, np.int64)
         foreign = len(self._foreign)
         out = TraceResultStruct(
@@ -336,14 +343,14 @@ class CompiledTracer:
         return self.scene.height_above_ground(points)
 
 
-class _MeshHitArrays:
+class MeshHitArrays:
     """Intersections of rays and meshes, as the kernels read them."""
 
     def __init__(self, mesh_hits: MeshHits) -> None:
         share = np.minimum(mesh_hits.share, 1 - COVERED_TRANSMITTANCE)
-        self._arrays: list[NDArray[Any]] = [
+        self.arrays: list[NDArray[Any]] = [
             np.ascontiguousarray(mesh_hits.ray, np.int64),
             *map(floats, (mesh_hits.t, -np.log1p(-share), mesh_hits.normals)),
             np.ascontiguousarray(mesh_hits.actor, np.int32),
         ]
-        self.struct = MeshHitsStruct(len(mesh_hits.ray), *map(address, self._arrays))
+        self.struct = MeshHitsStruct(len(mesh_hits.ray), *map(address, self.arrays))

@@ -1,0 +1,138 @@
+// CUDA's driver with a GPU of one thread at a time, for tests: its memory is not the process's own, and a launch runs
+// the kernels of native/cuda/kernels.cu, compiled by the C++ compiler.
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <map>
+#include <mutex>
+#include <sys/mman.h>
+
+#define __global__
+#define __launch_bounds__(threads)
+#define __grid_constant__
+struct Dimensions {
+    unsigned x = 0, y = 0, z = 0;
+};
+static thread_local Dimensions blockIdx, blockDim, threadIdx;
+template <class T> T atomicAdd(T *to, T value) {
+    const T before = *to;
+    *to += value;
+    return before;
+}
+#include "../../native/cuda/kernels.cu"
+
+namespace {
+
+constexpr size_t SIZE = size_t(1) << 32;
+char *const arena = static_cast<char *>(
+    mmap(nullptr, SIZE, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0));
+std::map<char *, size_t> allocated;
+std::mutex mutex;
+size_t used = 0, limit = SIZE;
+
+// Memory of the GPU can be read and written only meanwhile: elsewhere its pointers are another machine's.
+struct Opened {
+    std::lock_guard<std::mutex> lock{mutex};
+    Opened() { mprotect(arena, SIZE, PROT_READ | PROT_WRITE); }
+    ~Opened() { mprotect(arena, SIZE, PROT_NONE); }
+};
+
+bool is_allocated(const void *at, size_t size) {
+    const char *p = static_cast<const char *>(at);
+    auto next = allocated.upper_bound(const_cast<char *>(p));
+    if (next == allocated.begin()) return false;
+    --next;
+    return p + size <= next->first + next->second;
+}
+
+// Whether eight bytes look like a pointer of the process's own memory.
+bool is_foreign(const char *at) {
+    uint64_t value;
+    std::memcpy(&value, at, sizeof value);
+    const char *p = reinterpret_cast<const char *>(value);
+    return value >= 0x550000000000 && value < 0x800000000000 && !(p >= arena && p < arena + SIZE);
+}
+
+} // namespace
+
+#define EXPORT extern "C" __attribute__((visibility("default")))
+
+EXPORT void limit_memory(size_t bytes) { limit = bytes; }
+EXPORT size_t memory_in_use() { return used; }
+EXPORT size_t size_of_inputs() { return sizeof(TraceInputs); }
+EXPORT int cuInit(unsigned) { return 0; }
+EXPORT int cuDeviceGetCount(int *count) { return *count = 1, 0; }
+EXPORT int cuDeviceGet(int *device, int number) { return *device = number, number ? 101 : 0; }
+EXPORT int cuDeviceGetName(char *name, int size, int) { return std::snprintf(name, size, "a CPU"), 0; }
+EXPORT int cuDevicePrimaryCtxRetain(void **context, int) { return *context = &allocated, 0; }
+EXPORT int cuCtxSetCurrent(void *context) { return context == &allocated ? 0 : 201; }
+EXPORT int cuCtxSynchronize() { return 0; }
+EXPORT int cuModuleLoadData(void **module, const void *) { return *module = &mutex, 0; }
+EXPORT int cuModuleGetFunction(void **function, void *, const char *name) {
+    *function = reinterpret_cast<void *>(&unisim_trace_rays);
+    return std::strcmp(name, "unisim_trace_rays") ? 500 : 0;
+}
+EXPORT int cuGetErrorString(int code, const char **text) {
+    *text = code == 2 ? "out of memory" : code == 700 ? "an illegal memory access" : "another error";
+    return 0;
+}
+EXPORT int cuMemGetInfo_v2(size_t *free, size_t *total) { return *free = limit - used, *total = limit, 0; }
+EXPORT int cuMemAlloc_v2(void **address, size_t size) {
+    const std::lock_guard<std::mutex> lock(mutex);
+    if (used + size > limit) return 2;
+    char *at = arena;
+    for (const auto &[begin, length] : allocated) {
+        if (static_cast<size_t>(begin - at) >= size + 256) break;
+        at = begin + (length + 255) / 256 * 256;
+    }
+    if (at + size > arena + SIZE) return 2;
+    allocated[at] = size;
+    used += size;
+    *address = at;
+    return 0;
+}
+EXPORT int cuMemFree_v2(void *address) {
+    const std::lock_guard<std::mutex> lock(mutex);
+    const auto at = allocated.find(static_cast<char *>(address));
+    if (at == allocated.end()) return 1;
+    used -= at->second;
+    allocated.erase(at);
+    return 0;
+}
+EXPORT int cuMemcpyHtoD_v2(void *to, const void *from, size_t size) {
+    const Opened opened;
+    if (!is_allocated(to, size)) return 700;
+    std::memcpy(to, from, size);
+    return 0;
+}
+EXPORT int cuMemcpyDtoH_v2(void *to, const void *from, size_t size) {
+    const Opened opened;
+    if (!is_allocated(from, size)) return 700;
+    std::memcpy(to, from, size);
+    return 0;
+}
+EXPORT int cuMemsetD8_v2(void *to, unsigned char value, size_t size) {
+    const Opened opened;
+    if (!is_allocated(to, size)) return 700;
+    std::memset(to, value, size);
+    return 0;
+}
+EXPORT int cuLaunchKernel(void *, unsigned blocks, unsigned, unsigned, unsigned threads, unsigned, unsigned, unsigned,
+                          void *, void **arguments, void **) {
+    const Opened opened;
+    // pointers of the process's own memory would be the GPU's fault
+    const char *inputs = static_cast<const char *>(arguments[0]);
+    for (size_t i = 0; i + 8 <= sizeof(TraceInputs); i += 8)
+        if (is_foreign(inputs + i)) return 700;
+    for (const auto &[begin, size] : allocated)
+        for (size_t i = 0; size < 4096 && i + 8 <= size; i += 8)
+            if (is_foreign(begin + i)) return 700;
+    blockDim.x = threads;
+    for (blockIdx.x = 0; blockIdx.x < blocks; ++blockIdx.x)
+        for (threadIdx.x = 0; threadIdx.x < threads; ++threadIdx.x)
+            unisim_trace_rays(*static_cast<const TraceInputs *>(arguments[0]),
+                              *static_cast<const LaunchMemory *>(arguments[1]), *static_cast<int64_t *>(arguments[2]),
+                              *static_cast<int64_t *>(arguments[3]), *static_cast<int64_t **>(arguments[4]));
+    return 0;
+}

@@ -1,0 +1,293 @@
+"""Maneuvers in a few clicks: an operator that finds free room for its first numbers, and whose numbers F9 changes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty
+
+from ...bridge.changes.maneuvers import Maneuvering, Traffic, best_seen, inserted_at, scenario_id
+from ...bridge.objects.imported import class_of, copy_of, imported_objects, source_of
+from ...bridge.views.actors import ego_poses, neighbours
+from ...bridge.window import choose, chosen, drive, object_mode, refresh
+from ...core.actor_images.names import group_of
+from ...core.errors import UnisimError
+from ...core.scenario.motion.maneuvers import FRONT_M
+from ...core.simulation.vehicle.parameters import Vehicle
+from ...editing.edits.maneuvers import ManeuverNote
+from ...editing.motion.braking import habits_of
+from ...editing.motion.placement import taken_by
+from ...editing.readers.maneuvers import maneuver_words
+from ...editing.sampled.clock import Clock
+from ...editing.texts import Text, series
+from ...translations import localized, message
+from ..actors.appearances import choice_of, listed
+from ..operator_bases import Needing, reporting
+from .operators import FromTime
+
+KINDS = (
+    ("CUT_IN", "Cut-In", "Change into the lane of the ego vehicle in front of it", "LOOP_FORWARDS", 0),
+    (
+        "CROSS",
+        "Crossing",
+        "A pedestrian or cyclist crosses the path of the ego vehicle in front of it",
+        "ARMATURE_DATA",
+        1,
+    ),
+    ("LANE_CHANGE", "Lane Change", "Change to the lane beside", "ARROW_LEFTRIGHT", 2),
+    ("BRAKE", "Brake", "Brake from a time on", "PAUSE", 3),
+    ("PLATOON", "Platoon", "Copies that follow the actor", "CON_FOLLOWPATH", 4),
+)
+SIDES = (
+    ("OWN", "From where it drives", "From where the actor drives, which has to be beside the ego vehicle's path"),
+    ("LEFT", "From the left", "From the lane or the roadside to the left of the ego vehicle"),
+    ("RIGHT", "From the right", "From the lane or the roadside to the right of the ego vehicle"),
+)
+WHO = (
+    ("SELECTED", "The selected actor", "The active actor does it"),
+    ("NEW", "A new actor", "An actor like one of this drive is inserted for it"),
+)
+GAPS = (("TIME", "In time", "The gap is a time"), ("LENGTH", "As a length", "The gap is a length"))
+SHOWN = {
+    "CUT_IN": ("who", "first_s", "side", "gap_by", "gap", "timed", "duration_s"),
+    "CROSS": ("who", "first_s", "side", "gap_by", "gap", "speed_m_s", "from_m"),
+    "LANE_CHANGE": ("first_s", "left_m", "timed", "duration_s"),
+    "BRAKE": ("first_s", "deceleration_m_s2", "speed_m_s"),
+    "PLATOON": ("count", "gap_s", "gap_m"),
+}
+"""Properties by kind."""
+LEAD_S = 3.0
+"""Time from the current frame until a crossing actor is on the ego vehicle's path, at first."""
+BESIDE_M = 0.4
+"""Room between a crossing actor and the ego vehicle when that passes as recorded, at first."""
+FIRST: dict[str, list[dict[str, Any]]] = {
+    "CUT_IN": [{"gap_by": "TIME", "gap_s": gap} for gap in (1.5, 1.0, 2.0, 2.5, 0.7)],
+    "LANE_CHANGE": [{"left_m": left} for left in (3.5, -3.5, 3.0, -3.0)],
+    "PERSON": [{"from_m": aside} for aside in (6.0, 4.5, 8.0, 10.0)],
+    "CYCLE": [{"from_m": aside} for aside in (10.0, 12.0, 15.0)],
+}
+"""Numbers that are tried, in this order."""
+PLATOON = {"gap_s": 1.2, "gap_m": 2.0}
+GROUND_M = 10.0
+"""How far ahead of the ego vehicle the ground's height is taken for a new actor."""
+
+
+def traffic_of(obj: bpy.types.Object) -> Traffic:
+    """Return the ego vehicle and the other actors beside an actor."""
+    scene = bpy.context.scene
+    recorded = source_of(scene).drive
+    clock = Clock.of(recorded)
+    others = [other.name for other in imported_objects(scene, "ACTOR") if other != obj and not other.hide_render]
+    taken = taken_by(ego_poses(scene, recorded, clock), neighbours(scene, [obj], recorded, clock))
+    return Traffic(["Ego vehicle", *others], *taken)
+
+
+class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
+    """Let the active actor, or a new one, do a maneuver; numbers can be changed afterwards (F9)"""
+
+    bl_idname = "unisim.maneuver"
+    bl_label = "Maneuver"
+    bl_options = {"REGISTER", "UNDO"}
+    needs = (object_mode, drive)
+
+    kind: EnumProperty(name="Maneuver", description="What the actor does", items=KINDS)
+    who: EnumProperty(name="Who", description="Actor that does it", items=WHO, options={"SKIP_SAVE"})
+    side: EnumProperty(name="Side", description="Where the actor comes from", items=SIDES, options={"SKIP_SAVE"})
+    left_m: FloatProperty(
+        name="Sideways", description="Distance to the left; negative values are to the right",
+        default=3.5, soft_min=-8.0, soft_max=8.0, unit="LENGTH", options={"SKIP_SAVE"},
+    )  # fmt: skip
+    gap_by: EnumProperty(name="Gap", description="How the gap is given", items=GAPS, options={"SKIP_SAVE"})
+    gap_s: FloatProperty(
+        name="Gap", description="Time from the front of the vehicle behind to the actor",
+        default=1.5, min=0.0, soft_max=5.0, unit="TIME_ABSOLUTE", options={"SKIP_SAVE"},
+    )  # fmt: skip
+    gap_m: FloatProperty(
+        name="Gap", description="Distance from the front of the vehicle behind to the actor",
+        default=10.0, min=0.0, soft_max=50.0, unit="LENGTH", options={"SKIP_SAVE"},
+    )  # fmt: skip
+    timed: BoolProperty(
+        name="Set Duration",
+        description="Give the duration of the lane change; comfortable otherwise",
+        options={"SKIP_SAVE"},
+    )
+    duration_s: FloatProperty(
+        name="Duration", description="Duration of the lane change",
+        default=4.0, min=0.5, soft_max=10.0, unit="TIME_ABSOLUTE", options={"SKIP_SAVE"},
+    )  # fmt: skip
+    deceleration_m_s2: FloatProperty(
+        name="Deceleration", description="Deceleration while it brakes",
+        default=2.0, min=0.1, soft_max=10.0, unit="ACCELERATION", options={"SKIP_SAVE"},
+    )  # fmt: skip
+    speed_m_s: FloatProperty(
+        name="Speed", description="Speed across the path, or after braking",
+        default=0.0, min=0.0, soft_max=15.0, unit="VELOCITY", options={"SKIP_SAVE"},
+    )  # fmt: skip
+    from_m: FloatProperty(
+        name="Stands Aside", description="Distance from the path at which it stands before and after",
+        default=6.0, min=1.0, soft_max=30.0, unit="LENGTH", options={"SKIP_SAVE"},
+    )  # fmt: skip
+    count: IntProperty(
+        name="Copies", description="Number of copies", default=3, min=1, soft_max=10, options={"SKIP_SAVE"}
+    )
+    tried: BoolProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    @classmethod
+    def description(cls, context: bpy.types.Context, properties: Any) -> str:
+        """Return the tooltip of a maneuver."""
+        return next(about for kind, _, about, *_ in KINDS if kind == properties.kind)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the numbers of the maneuver."""
+        layout = self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        for name in SHOWN[self.kind]:
+            if name == "gap":
+                layout.prop(self, "gap_s" if self.gap_by == "TIME" else "gap_m")
+            elif name == "first_s":
+                layout.prop(self, name, text="On the Path At" if self.kind == "CROSS" else "From")
+            elif name != "duration_s" or self.timed:
+                layout.prop(self, name)
+
+    def values(self, **given: Any) -> dict[str, Any]:
+        """Return the maneuver as JSON, of other numbers where these are ``given``."""
+
+        def of(name: str) -> Any:
+            value = given.get(name, getattr(self, name))
+            return round(value, 5) if isinstance(value, float) else value
+
+        values = {"type": self.kind.lower(), "at_s": of("first_s")}
+        if self.kind in ("CUT_IN", "CROSS"):
+            gap = "gap_s" if of("gap_by") == "TIME" else "gap_m"
+            side = {} if of("side") == "OWN" else {"side": of("side").lower()}
+            values |= {**side, gap: of(gap)}
+        numbers = {
+            "CROSS": ("speed_m_s", "from_m"),
+            "LANE_CHANGE": ("left_m",),
+            "BRAKE": ("deceleration_m_s2", "speed_m_s"),
+        }
+        values |= {name: of(name) for name in numbers.get(self.kind, ())}
+        return values | ({"duration_s": of("duration_s")} if self.timed and "timed" in SHOWN[self.kind] else {})
+
+    @reporting
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Let it do the maneuver, with the first numbers for which there is room where none were given."""
+        source = source_of(context.scene)
+        clock, actors = Clock.of(source.drive), chosen(context, "ACTOR")
+        if self.kind == "CROSS" and not self.properties.is_property_set("first_s"):
+            self.start_at(context.scene, clock)
+            self.first_s = max(min(self.first_s + LEAD_S, float(clock.times_s[-1]) - 1.0), self.first_s)
+        self.start_at(context.scene, clock)
+        self.first_s = self.start_s(clock)
+        active = next((obj for obj in actors if obj == context.active_object), actors[0] if actors else None)
+        if self.kind in ("LANE_CHANGE", "BRAKE", "PLATOON"):
+            if active is None:
+                raise UnisimError(message("Select a moving actor first"))
+            changed = self.platoon(context, active) if self.kind == "PLATOON" else [active]
+        else:
+            groups = ("CAR", "TRUCK") if self.kind == "CUT_IN" else ("PERSON", "CYCLE")
+            fits = active is not None and group_of(class_of(active, source.drive)) in groups
+            if not self.properties.is_property_set("who"):
+                self.who = "SELECTED" if fits else "NEW"
+            if self.who == "SELECTED" and active is None:
+                raise UnisimError(message("Select an actor first"))
+            changed = [active if self.who == "SELECTED" else self.inserted(context, groups)]
+        if self.kind != "PLATOON":
+            self.report_on(changed[0], self.maneuver(context, changed[0]))
+        refresh(changed)
+        return {"FINISHED"}
+
+    def maneuver(self, context: bpy.types.Context, obj: bpy.types.Object) -> Any:
+        """Let an object do the maneuver, and return how; the first time, the first numbers with room are chosen."""
+        label = class_of(obj, source_of(context.scene).drive)
+        before, habits = Maneuvering.of(context.scene, obj), habits_of(label)
+        if not self.tried:
+            self.tried, sides = True, ["LEFT", "RIGHT"]
+            tried = FIRST.get(self.kind, [{}])
+            if self.kind == "CROSS":
+                sides, group = ["RIGHT", "LEFT"], group_of(label)
+                speed = habits.speed_m_s
+                room = (Vehicle().width_m + float(before.context.here.size_m[1])) / 2 + BESIDE_M
+                gap = {"gap_by": "TIME", "gap_s": round(room / speed, 1), "speed_m_s": speed}
+                tried = [{**gap, **numbers} for numbers in FIRST.get(group, FIRST["PERSON"])]
+            if self.kind == "BRAKE":
+                tried = [{"deceleration_m_s2": habits.comfortable_m_s2}]
+            rounds = [tried]
+            if self.kind in ("CUT_IN", "CROSS"):
+                rounds = [[{"side": side, **numbers} for side in sides for numbers in tried]]
+                if self.kind == "CUT_IN" and self.who == "SELECTED":  # from where it drives, if it can
+                    rounds.insert(0, [{"side": "OWN", **numbers} for numbers in tried])
+            self.choose_numbers(before, rounds)
+        return before, before.apply(self.values())
+
+    def choose_numbers(self, before: Maneuvering, rounds: list[list[dict[str, Any]]]) -> None:
+        """Set the numbers to the first that can be and that have room; a later round only where a former one has none that
+        can be. Numbers that were given stay."""
+        faults, traffic = [], traffic_of(before.obj)
+        for numbers in rounds:
+            free = [{k: v for k, v in each.items() if not self.properties.is_property_set(k)} for each in numbers]
+            try:
+                best = before.first_clear([self.values(**each) for each in free], traffic)
+            except UnisimError as fault:
+                faults.append(fault)
+                continue
+            for name, value in free[best].items():
+                setattr(self, name, value)
+            return
+        raise faults[-1]
+
+    def inserted(self, context: bpy.types.Context, groups: tuple[str, ...]) -> bpy.types.Object:
+        """Return a new actor, like the best seen one of the first group that the drive has, ahead of the ego vehicle."""
+        source, choice = source_of(context.scene), choice_of(context, "")
+        uids = next((uids for group in groups if (uids := listed(choice, group))), [])
+        if not uids:
+            if self.kind == "CUT_IN":
+                raise UnisimError(message("This drive has no vehicle"))
+            raise UnisimError(message("This drive has no pedestrian or cyclist"))
+        clock, uid = Clock.of(source.drive), best_seen(source.drive, uids)
+        pose = ego_poses(context.scene, source.drive, clock)[clock.index(float(clock.frame(np.array(self.first_s))))]
+        pose[:3, 3] += (FRONT_M + GROUND_M) * pose[:3, 0]
+        obj = inserted_at(context.scene, source, choice.names[uid], uid, pose, int(clock.frames[clock.index(0)]))
+        choose(context, obj)
+        return obj
+
+    def platoon(self, context: bpy.types.Context, leader: bpy.types.Object) -> list[bpy.types.Object]:
+        """Return copies of an actor, each of which follows the one before."""
+        copies = [leader]
+        gaps = {"gap_s": round(self.gap_s, 5), "gap_m": round(self.gap_m, 5)}
+        for name, value in PLATOON.items():
+            if not self.properties.is_property_set(name):
+                setattr(self, name, value)
+                gaps[name] = value
+        for _ in range(self.count):
+            ahead, copy = copies[-1], copy_of(context, copies[-1])
+            copy.unisim.maneuvers = ""
+            values = {"type": "follow", "leader": scenario_id(context.scene, ahead), **gaps}
+            try:
+                before = Maneuvering.of(context.scene, copy, ahead)
+                actor = before.apply(values)
+            except UnisimError:
+                bpy.data.objects.remove(copy)
+                raise
+            copies.append(copy)
+            self.report_on(copy, (before, actor))
+        choose(context, *copies[1:])
+        return copies[1:]
+
+    def report_on(self, obj: bpy.types.Object, done: tuple[Maneuvering, Any]) -> None:
+        """Say what an actor does, and what is in its way."""
+        before, actor = done
+        note = ManeuverNote.of(obj.unisim.maneuvers)
+        assert note is not None  # it was just noted
+        said = series([obj.name, maneuver_words(note.edits(before.uid)[-1])], ": ")
+        overlap = before.first_overlap(actor, traffic_of(before.obj))
+        if overlap is None:
+            self.report({"INFO"}, localized(said))
+        else:
+            said = Text("{said}; overlaps {other} at {time:.1f} s", said=said, other=overlap[0], time=overlap[1])
+            self.report({"WARNING"}, localized(said))
+
+
+CLASSES = (UNISIM_OT_maneuver,)
