@@ -91,7 +91,7 @@ class UniSimEngine(bpy.types.RenderEngine):
         view.follow(context, depsgraph)
         view.gather()
         view.draw(self, depsgraph.scene, context.region)
-        self.update_stats("UniSim", view.sentence)
+        self.update_stats("UniSim", view.activity if context.space_data.overlay.show_overlays else view.sentence)
         if view.expects:
             redraw_soon()
 

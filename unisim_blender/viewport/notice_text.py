@@ -16,6 +16,7 @@ from ..editing.sensors.sweeps import RECORDED
 from ..editing.texts import Text
 from ..registering import Drawing
 from ..translations import localized
+from .compare_view import drawn_view
 from .overlay_layout import LINE_PX, ground_size, in_rows, overlay_layout, write_rows
 from .view_types import looks_through
 
@@ -36,6 +37,9 @@ def draw() -> None:
     try:
         source = source_of(scene)
         lines = [localized(line) for line in notices(scene, source, camera, through)]
+        view = drawn_view(region) if rendered else None
+        if view is not None:
+            lines += [text for text in (view.problem, view.warning) if text]
         outside = outside_drive(frame_of(scene), source.drive)
     except (UnisimError, OSError):
         return  # the panel says so

@@ -327,11 +327,25 @@ class ViewportImage:
         """State of the view, in one line."""
         if self.problem:
             return self.problem
-        waits = localized(PREPARATION.text) if self.waits_for_surfels else ""
-        work = waits or self.progress or (interface("Rendering") if self.pending else self.warning)
-        clipped = interface("Clipped to what was observed") if self.wanted is not None and self.wanted["clip"] else ""
-        parts = (localized(self.comparison.sentence), localized(self.outside), work, clipped)
+        parts = (localized(self.comparison.sentence), localized(self.outside), self.work or self.warning, self.clipped)
         return ". ".join(part for part in parts if part)
+
+    @property
+    def activity(self) -> str:
+        """What of the state the overlays do not say."""
+        return ". ".join(part for part in (self.work, self.clipped) if part and not self.problem)
+
+    @property
+    def work(self) -> str:
+        """What is done now."""
+        waits = localized(PREPARATION.text) if self.waits_for_surfels else ""
+        return waits or self.progress or (interface("Rendering") if self.pending else "")
+
+    @property
+    def clipped(self) -> str:
+        """Whether the image is clipped to what was observed, as a sentence."""
+        clips = self.wanted is not None and self.wanted["clip"]
+        return interface("Clipped to what was observed") if clips else ""
 
 
 def exact_pixels(width: int, height: int) -> Matrix:
