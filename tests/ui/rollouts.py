@@ -11,7 +11,7 @@ import bpy
 sys.path.insert(0, str(Path(__file__).parent))
 from buttons import open_panel, press
 from edit_panel import module
-from hands import key, middle, mouse, sidebar, to
+from hands import click, key, middle, mouse, sidebar, to
 from heart import heart
 from session import OUT, area, inside, results, screenshot, start, until, view, wait_for_image
 from simulate import prepared
@@ -53,27 +53,38 @@ def opened_again() -> Iterator[float]:
     assert results["scenes"] == [names["first"], names["opened"]]
 
 
+def at_work(limit_s: float = 300.0) -> Iterator[float]:
+    """Wait until the task that was just begun has ended well."""
+    running = module("process.background").running
+    yield from until(lambda: running, "no task begins", 60)
+    yield from until(lambda: not running, f"the task does not end: {told()}", limit_s)
+    assert told().startswith("Done"), told()
+    yield 1.0
+
+
 def compared() -> Iterator[float]:
     """A second rollout, of the first one's scene, and Compare Rollouts: a tooltip, an order, a cross, one opened."""
     bpy.context.scene.unisim_simulation.choice = "constant"
     yield from press("unisim.simulate()")
-    yield from until(lambda: told().startswith("Done"), f"the rollout does not end: {told()}", 300)
+    yield from at_work()
     folders = sorted(path.name for path in (OUT.parent / "rollouts").iterdir() if path.is_dir())
     assert folders == ["Scene constant 1", "Scene idm 1"], folders
     yield from press("unisim.compare_rollouts")
-    yield 1.0
-    screenshot("rollouts_compared")
+    yield 2.0
     x, y = mouse
-    for aside, down in ((0, 0), (-300, 40), (-200, 20)):
-        yield from to(x + aside, y + down)
-        yield 1.5
+    for aside in (-90, -100):
+        yield from to(x + aside, y - 9)
+        yield 2.0
     screenshot("rollouts_compared_tooltip")
+    yield from click()
+    yield 2.0
+    screenshot("rollouts_compared_sorted")
     yield from key("ESC")
     yield 0.5
 
 
 def filmed() -> Iterator[float]:
-    """A short sequence, then Make Film, with its dialog, progress, and the film's file."""
+    """A short sequence, then Make Film."""
     scene = bpy.context.scene
     about = scene.unisim
     about.out, about.quality, about.sequence_width, about.sequence_sensors = (
@@ -86,16 +97,11 @@ def filmed() -> Iterator[float]:
     bpy.context.window_manager.unisim_panels = "RENDER"
     yield 0.5
     yield from press("unisim.render_sequence()")
-    yield from until(lambda: told().startswith("Done"), f"the sequence does not end: {told()}", 300)
-    yield 1.0
-    screenshot("sequence_done")
+    yield from at_work()
     yield from press("unisim.make_film", columns=(0.3,))
-    yield 1.0
-    screenshot("film_asked")
-    yield from key("RET")
-    yield from until(lambda: module("features.output.operators").film_of(scene), f"no film comes: {told()}", 120)
-    yield 2.0
+    yield from at_work()
     results["film"] = told()
+    assert module("features.output.operators").film_of(scene) is not None
     screenshot("film_done")
 
 

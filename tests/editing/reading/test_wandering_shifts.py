@@ -14,18 +14,17 @@ from unisim_blender.editing.readers.actors import shift_of
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.scene import Sampled, SampledObject
 
-RANDOM = np.random.default_rng(5)
-FRAMES_S: FloatArray = np.arange(80) / 10 + RANDOM.normal(0, 0.0002, 80)
+FRAMES_S: FloatArray = np.arange(80) / 10 + np.random.default_rng(4).normal(0, 0.0002, 80)
 
 
 def wandering(begins: int) -> Actor:
     """A car that turns, labelled a little after each frame from a frame on, its labels wandering by centimetres."""
-    times = FRAMES_S[begins:] + 0.03
+    times, random = FRAMES_S[begins:] + 0.03, np.random.default_rng(5)
     yaw = 0.1 * times
-    places = np.stack([80 * np.sin(yaw), 80 - 80 * np.cos(yaw), 0 * yaw + 0.8], -1) + RANDOM.normal(
+    places = np.stack([80 * np.sin(yaw), 80 - 80 * np.cos(yaw), 0 * yaw + 0.8], -1) + random.normal(
         0, 0.02, (len(yaw), 3)
     )
-    trajectory = Trajectory(times, places, quaternion_from_yaw(yaw + RANDOM.normal(0, 0.002, len(yaw))))
+    trajectory = Trajectory(times, places, quaternion_from_yaw(yaw + random.normal(0, 0.002, len(yaw))))
     return Actor("a", "Car", np.array([4.0, 2.0, 1.6]), trajectory, -0.25, 8.25, True, Appearance("a"))
 
 

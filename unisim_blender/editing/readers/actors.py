@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,7 +20,7 @@ import numpy as np
 
 from ...core.actor_images.names import plain_names
 from ...core.errors import ScenarioError
-from ...core.geometry import BoolArray, FloatArray, invert_pose
+from ...core.geometry import BoolArray, FloatArray, Trajectory, invert_pose
 from ...core.scenario import build
 from ...core.scenario.edit import Edit
 from ...core.scenario.edits import Duplicate, Insert, InsertMesh, Move, Remove, Row, Scale, Swap
@@ -27,6 +29,7 @@ from ...core.scenario.edits.row import clear, standing
 from ...core.scenario.motion.keys import Present
 from ...core.scenario.motion.maneuvers import Maneuver
 from ...core.scenario.motion.paths import arc_lengths_of, is_path
+from ...core.scenario.motion.trajectories import merged_times, sampled_keys
 from ...core.world.drive import Actor
 from ..edits.lines import EditLine, joined, line_of, path_phrases, unmoved
 from ..edits.maneuvers import PLACED, noted
@@ -49,7 +52,7 @@ LATER_DIGITS, OFFSET_DIGITS, AHEAD_DIGITS = 4, 5, 2
 """Of a shift's seconds and metres: Blender's float32 keys tell no more."""
 SAME_LATER_S = 1e-3
 ALONG = 8.0
-"""By how much less what is shifted along a path agrees: keys turn between frames as numbers do."""
+"""By how much less than poses elsewhere those of a shift agree: between keys, Blender goes by frames and by numbers."""
 
 
 class ReadEdit(NamedTuple):
@@ -290,6 +293,8 @@ def _shift_by(context: ActorEditContext, later_s: float) -> Move | None:
     obj, actor, clock = context.here, context.known, context.clock
     recorded = actor.world_from_actor
     later_s = round(later_s, LATER_DIGITS) if abs(later_s) > SAME_LATER_S else 0.0
+    keys_s = merged_times(recorded.times_s, np.array(sorted(context.reading.drive.time_s.values())))
+    framed = replace(actor, world_from_actor=Trajectory(keys_s, *sampled_keys(recorded, keys_s)))  # as Blender has it
     # beyond its keys a trajectory goes on as its last ones do, and Blender's are others
     keyed = (clock.times_s >= recorded.times_s[0] + later_s) & (clock.times_s <= recorded.times_s[-1] + later_s)
     there, drive = obj.there & keyed, context.reading.drive
@@ -298,13 +303,14 @@ def _shift_by(context: ActorEditContext, later_s: float) -> Move | None:
     path, base = actor.world_from_actor.positions, actor.world_from_actor.at(clock.times_s - later_s)
     gone = arc_lengths_of(path, obj.poses[there, :3, 3]) - arc_lengths_of(path, base[there, :3, 3])
     by = _apart(shifted(actor, None, later_s, float(np.median(gone)), drive), obj, clock, there)
-    for ahead_m in (0.0, round(float(np.median(gone) + by[0]), AHEAD_DIGITS)):
+    candidates = (0.0, round(float(np.median(gone) + by[0]), AHEAD_DIGITS))
+    for times, ahead_m in product((1.0, ALONG), candidates):
         by = _apart(shifted(actor, None, later_s, ahead_m, drive), obj, clock, there)
         offset = vector(np.round(by, OFFSET_DIGITS) + 0.0) if np.abs(by).max() > SAME_M else (0.0, 0.0, 0.0)
         after = shifted(actor, offset, later_s, ahead_m, drive)
-        shift = after.world_from_actor.at(clock.times_s)
-        agree = near(shift, obj.poses, ALONG if ahead_m else 1.0) if later_s or ahead_m else same(shift, obj.poses)
-        if agree[there].all():
+        shifts = [shifted(each, offset, later_s, ahead_m, drive).world_from_actor for each in (actor, framed)]
+        poses = (shift.at(clock.times_s) for shift in shifts)
+        if any((near(p, obj.poses, times) if later_s or ahead_m else same(p, obj.poses))[there].all() for p in poses):
             break
     else:
         return None

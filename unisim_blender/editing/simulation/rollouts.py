@@ -336,12 +336,13 @@ def _listed(folder: Path, state: str) -> ListedRollout:
     return ListedRollout(folder, str(scores.get("driver", "")), end, tuple(numbers))
 
 
-def best_values(rollouts: Sequence[ListedRollout]) -> list[float | None]:
-    """Return the best value of each column; None where fewer than two rollouts differ in it."""
-    best: list[float | None] = []
+def best_values(rollouts: Sequence[ListedRollout]) -> list[str]:
+    """Return the best value of each column as it is written; "" where no two rollouts differ in it."""
+    best = []
     for column, values in zip(COLUMNS, zip(*(rollout.values for rollout in rollouts), strict=True), strict=False):
-        known = {value for value in values if value is not None}
-        best.append((max(known) if column.rises else min(known)) if len(known) > 1 else None)
+        known = sorted((value for value in values if value is not None), reverse=column.rises)
+        texts = [column.form.format(value) for value in known]
+        best.append(texts[0] if len(set(texts)) > 1 else "")
     return best
 
 

@@ -167,22 +167,19 @@ class UNISIM_OT_play_result(bpy.types.Operator):
 
 
 class FilmTask(Task):
-    """A film of a finished sequence. The command line tells of each frame, and of the file at last."""
+    """A film of a finished sequence. The command line tells of each frame."""
 
     title = translatable("Film")
     hears = True
     done = 0.0
-    is_page = False
 
     def hear(self, event: dict[str, Any]) -> None:
-        """Take how many of how many frames are done, or what was written."""
+        """Take how many of how many frames are done."""
         self.done, self.total = event.get("done", self.done), event.get("total", self.total)
-        self.is_page = event.get("file", "").endswith(".html")
 
     def measure(self) -> str:
-        """Frames of how many; a page is said to be one."""
-        frames = message("{done} of {total} frames", done=int(self.done), total=int(self.total))
-        return message("{frames}, a page: imageio-ffmpeg is missing", frames=frames) if self.is_page else frames
+        """Frames of how many."""
+        return message("{done} of {total} frames", done=int(self.done), total=int(self.total))
 
 
 def sequence_finished(context: bpy.types.Context) -> Need:
@@ -220,7 +217,7 @@ def film_of(scene: bpy.types.Scene) -> Path | None:
 
 
 class UNISIM_OT_open_film(bpy.types.Operator):
-    """Open the film of the sequence in the program that plays films, or in the browser"""
+    """Open the film of the sequence: MP4, or where the renderer's Python lacks imageio-ffmpeg a page for the browser"""
 
     bl_idname = "unisim.open_film"
     bl_label = "Open Film"

@@ -9,7 +9,7 @@ from ...process.background import running
 from ...process.tasks import SequenceTask
 from ...translations import interface, localized
 from ..sidebar import DrivePanel, Sidebar, draw_task, optional_row, settings_column
-from .operators import FilmTask, results_of
+from .operators import FilmTask, film_of, results_of
 
 
 class UNISIM_PT_output(Sidebar, bpy.types.Panel):
@@ -81,7 +81,10 @@ def draw_results(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
         row.operator("unisim.play_result", icon="PLAY")
     row = layout.row(align=True)
     row.operator("unisim.make_film", icon="RENDER_ANIMATION")
-    row.operator("unisim.open_film", icon="FILE_MOVIE")
+    film = film_of(context.scene)
+    is_page = film is not None and film.suffix == ".html"
+    text = interface("Open Film Page") if is_page else interface("Open Film")
+    row.operator("unisim.open_film", text=text, translate=False, icon="FILE_MOVIE")
 
 
 class UNISIM_PT_formats(DrivePanel, bpy.types.Panel):

@@ -62,7 +62,7 @@ class RolloutTask(SequenceTask):
         return message(", {rate:.2f} steps/s", rate=rate)
 
 
-CELLS = (200, 90, 150, *(82 for _ in COLUMNS), 24)
+CELLS = (200, 80, 130, *(94 for _ in COLUMNS), 24)
 """Widths of the cells of the list of rollouts: name, driver, end, a score each, and the cross."""
 LIST_WIDTH = sum(CELLS)
 HERE_S = 0.011
@@ -316,8 +316,7 @@ class UNISIM_OT_compare_rollouts(Needing, bpy.types.Operator):
             row[2].label(text=localized(rollout.end), translate=False)
             for cell, column, value, top in zip(row[3:], COLUMNS, rollout.values, best, strict=False):
                 text = "–" if value is None else column.form.format(value)
-                is_best = top is not None and value == top
-                cell.label(text=text, translate=False, icon="LAYER_ACTIVE" if is_best else "BLANK1")
+                cell.label(text=text, translate=False, icon="LAYER_ACTIVE" if text == top else "BLANK1")
             row[-1].operator("unisim.hide_rollout", text="", icon="X", emboss=False).name = name
         if hidden:
             text = interface("Show {count} more", count=hidden.count("/"))
