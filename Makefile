@@ -12,6 +12,7 @@
 # make test-calls   10 000 broken and random calls to unisim serve: some minutes
 # make test-ui   a real Blender window driven by scripts, mouse and keys (root, debootstrap); a part of the sessions
 # make test-ui-all   all of its sessions, in Blender 4.3 and 5.2
+# make test-bpy BPY=5.2.3 PYTHON=python3.13   tests/blender with another release of Blender's module, which it installs
 # make screenshots   the documentation's pictures of Blender, by two sessions of the window
 # make cuda    the kernels for NVIDIA GPUs, by CUDA's compiler, which it installs (400 MB)
 # make docs    the documentation as a website, in out/site
@@ -26,7 +27,7 @@ WORKERS := -n 2 --dist worksteal
 # tests start hundreds of processes, which read the package's bytecode
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup demo test test-slow test-stress test-ray test-s3 test-gs test-schemas test-perception test-inputs test-calls test-ui test-ui-all screenshots cuda docs extension clean
+.PHONY: setup demo test test-slow test-stress test-ray test-s3 test-gs test-schemas test-perception test-inputs test-calls test-ui test-ui-all test-bpy screenshots cuda docs extension clean
 
 setup: $(VENV)/.built
 
@@ -112,6 +113,14 @@ test-inputs: setup
 
 test-calls: setup
 	UNISIM_FUZZED_CALLS=10000 $(BIN)/pytest tests/core/serve/test_fuzzed_calls.py
+
+# releases of Blender's module have a Python each; the environment in out/ is as large as .venv
+BPY ?= 5.2.3
+test-bpy:
+	$(PYTHON) -m venv out/bpy-$(BPY)
+	out/bpy-$(BPY)/bin/python -m pip install --quiet $(BUILD_TOOLS) bpy==$(BPY)
+	out/bpy-$(BPY)/bin/python -m pip install --quiet --no-build-isolation -C build-dir=out/bpy-$(BPY)/native --editable '.[torch,parquet,ncore,batch]' hypothesis pytest pytest-xdist
+	OMP_NUM_THREADS=1 out/bpy-$(BPY)/bin/pytest $(WORKERS) tests/blender
 
 # a real Blender window, in a Debian of its own below BLENDER_ROOT: needs root and debootstrap
 # MINUTES=10: no session begins after ten minutes

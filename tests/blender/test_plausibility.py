@@ -10,8 +10,9 @@ from helpers import imported, select
 
 from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.sampling.stepping import sample_all
-from unisim_blender.editing.motion.plausibility import on_actors, warnings_of
+from unisim_blender.editing.motion.plausibility import on_actors, shadow_note, warnings_of
 from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.texts import Text, unpacked
 
 
 def warned(scene: Any) -> dict[str, str]:
@@ -46,6 +47,21 @@ def test_a_copy_in_place_overlaps(street: Any) -> None:
     bpy.ops.object.duplicate()
     copy = bpy.context.active_object
     assert "overlaps" in " ".join(warned(street).values()) and copy is not None
+
+
+def test_what_becomes_of_recorded_shadows_is_told(street: Any) -> None:
+    check = street.unisim_check
+    bpy.ops.unisim.check()
+    assert check.shadows.text == ""
+    one = first(street, moving=False)
+    one.location.y += 3.0
+    bpy.ops.unisim.check()
+    told = unpacked(check.shadows.text_parts, check.shadows.text)
+    assert isinstance(told, Text)
+    assert told.startswith("Recorded shadows stay") and told.endswith(f"under the actor: {one.name}")
+    drive = source_of(street).drive
+    untrained = shadow_note(sample_all(street, Clock.of(drive)), drive, False)
+    assert untrained == f"Recorded shadows stay where they were: {one.name}"
 
 
 def test_a_flying_car(street: Any) -> None:

@@ -78,7 +78,7 @@ def test_points_of_two_frames_are_not_compared(street: Any) -> None:
     assert shown is not None and "Median range error 0.000 m" in shown.legend.lines[-2]
     put_sweep(street, replace(sweep(RECORDED, **values), frame=6.0))
     shown = shown_points(street)
-    assert shown is not None and shown.legend.lines[-1] == "The simulated points of this frame are being computed"
+    assert shown is not None and shown.legend.lines[-1] == "Not compared: the points are of two frames"
 
 
 def test_points_are_coloured_again_only_when_something_changed(street: Any) -> None:

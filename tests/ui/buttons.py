@@ -279,7 +279,7 @@ TASK_OF = (
     (r"unisim_simulation|unisim\.simulate|drive_on|rollout|model", ("SIMULATE",)),
     (r"cancel_task|batch|parameter|open_report", ("SIMULATE", "RENDER")),
     (
-        r"show_(ways|sensors|timeline|recorded|simulated|points)|unisim_view|points_|recorded_|unsupported|import_",
+        r"show_(ways|sensors|timeline|recorded|simulated|points)|unisim_view|points_|recorded_|unsupported|import_|drops=|birds_eye",
         ("VIEW",),
     ),
     (

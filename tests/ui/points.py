@@ -1,7 +1,9 @@
-"""Recorded points, shown for the first time: the window goes on meanwhile. Run by `run.py`."""
+"""LiDAR points: the window goes on while they are shown; their colours, legends and dropped beams, and the view from above.
+Run by `run.py`. `UNISIM_UI_LOG` names a log below that Debian's root in place of the sample's scene."""
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,11 +12,11 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
 from buttons import open_panel, press
-from hands import key, middle, to
+from hands import key, middle, sidebar, to
 from heart import heart
 from pixels import apart, grab, part, region_rectangle
-from session import area, results, screenshot, start, until
-from tasks import fresh, imported, redraw_alone, task
+from session import MODULE, area, from_behind, inside, redraw, results, screenshot, start, until, view
+from tasks import IMPORTED, arrived, fresh, imported, install, redraw_alone, save_file, task
 
 BEYOND_S = 0.1
 """How long the window may stand still beyond what drawing it takes."""
@@ -67,11 +69,80 @@ def next_points() -> Iterator[float]:
     yield from until(lambda: stamp() != before, "the points stay those of the frame before", 10)
 
 
+def legend() -> tuple[str, ...]:
+    """The lines of the legend."""
+    shown_now = sys.modules[f"{MODULE}.features.points.clouds"].shown_points(bpy.context.scene)
+    return tuple(str(line) for line in shown_now.legend.lines) if shown_now is not None else ()
+
+
+def compared_points() -> Iterator[float]:
+    """Both sweeps with dropped beams: the legend compares them, for each colour and from behind."""
+    scene = bpy.context.scene
+    yield from open_panel("Show", "show_ways")
+    yield from press("unisim.show_points(recorded=True, simulated=True", columns=(0.8, 0.9, 0.7))
+    yield from until(lambda: any("drops agree" in line for line in legend()), "the sweeps are not compared", 900)
+    results["compared"] = legend()
+    for by in ("INTENSITY", "DEPTH", "RING", "INSTANCE", "DIFFERENCE"):
+        scene.unisim.points_colour = by
+        redraw()
+        yield 1.0
+        screenshot(f"points_{by.lower()}")
+    view()[2].view_perspective = "PERSP"
+    from_behind(view()[2])
+    yield 1.0
+    screenshot("points_behind")
+    before = part(grab(), region_rectangle("WINDOW")).copy()
+    yield from press("drops=True")
+    yield from until(lambda: scene.unisim.show_drops, "the button Dropped Beams does nothing", 10)
+    yield from until(lambda: any("drops agree" in line for line in legend()), "the sweeps are not compared", 120)
+    yield 1.0
+    screenshot("points_drops")
+    changed = int((apart(before, part(grab(), region_rectangle("WINDOW"))) > 8).sum())
+    assert changed > 200, f"{changed} pixels are dropped beams"
+    scene.unisim.recorded_offset_m = 20.0
+    redraw()
+    yield 1.0
+    screenshot("points_beside")
+    scene.unisim.recorded_offset_m = 0.0
+    view()[2].view_perspective = "CAMERA"
+
+
+def seen_from_above() -> Iterator[float]:
+    """The view from above opens with one press, follows the vehicle's direction, and closes with another."""
+    birds_eye = sys.modules[f"{MODULE}.features.points.birds_eye"]
+    views = lambda: list(birds_eye.views(bpy.context.scene))  # noqa: E731
+    yield from press("unisim.birds_eye")
+    yield from until(lambda: len(views()) == 1, "no view from above opens", 10)
+    yield 1.0
+    screenshot("points_above")
+    for _ in range(3):
+        bpy.context.scene.frame_set(bpy.context.scene.frame_current + 4)
+        yield 1.0
+        ((_, space, ego),) = views()
+        up = space.region_3d.view_rotation.to_matrix().col[1]
+        assert up.xy.normalized().dot(ego.matrix_world.to_3x3().col[0].xy.normalized()) > 0.9999
+    yield from until(lambda: any("drops agree" in line for line in legend()), "the sweeps are not compared", 120)
+    screenshot("points_above_later")
+    with inside(area("VIEW_3D")):
+        bpy.ops.unisim.birds_eye()
+    yield from until(lambda: not views(), "the view from above does not close", 10)
+
+
 def steps() -> Iterator[float]:
     """The session."""
-    yield from imported()
+    if log := os.environ.get("UNISIM_UI_LOG"):
+        yield from install()
+        with inside(area("VIEW_3D")):
+            bpy.ops.unisim.import_log("INVOKE_DEFAULT", filepath=log)
+        yield from arrived()
+        yield from sidebar()
+        save_file(IMPORTED)
+    else:
+        yield from imported()
     yield from task("first_points", first_points)
     yield from task("next_points", next_points)
+    yield from task("compared_points", compared_points)
+    yield from task("seen_from_above", seen_from_above)
 
 
 if __name__ == "__main__":

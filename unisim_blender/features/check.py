@@ -15,13 +15,14 @@ from ..bridge.objects.imported import source_of
 from ..bridge.sampling.edit_state import edit_state
 from ..bridge.sampling.stepping import sample_all
 from ..bridge.window import choose, drive, redraw
-from ..editing.motion.plausibility import place_of, warnings_of
+from ..editing.motion.plausibility import place_of, shadow_note, warnings_of
 from ..editing.motion.retiming import instant_of
 from ..editing.sampled.clock import Clock
-from ..editing.texts import UPPER, cased, packed, unpacked
+from ..editing.texts import UPPER, cased, packed, unpacked, wrapped
 from ..registering import add, take_away
 from ..translations import interface, localized, message
 from .drive.export_operators import sampled_in_steps
+from .edits.panel import room_of
 from .motion.properties import limits_of
 from .operator_bases import AtOnce, Needing, in_thread
 from .sidebar import DrivePanel
@@ -89,6 +90,8 @@ class UNISIM_OT_check(Needing, AtOnce, bpy.types.Operator):
         else:
             sampled = yield from sampled_in_steps(scene, clock)
             warnings = yield from in_thread(lambda: list(warnings_of(sampled, drive, limits, is_trained)))
+        note = shadow_note(sampled, drive, is_trained)
+        check.shadows.text, check.shadows.text_parts = note, packed(note)
         check.warnings.clear()
         for warning in warnings:
             item = check.warnings.add()
@@ -154,6 +157,10 @@ class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
             self.layout.label(text=text, translate=False, icon="ERROR")
         column = self.layout.column(align=True)
         column.active = not outdated
+        if check.shadows.text:
+            room, note = room_of(context), localized(unpacked(check.shadows.text_parts, check.shadows.text))
+            for text in wrapped(note, room.below, room.below, room.width_of):
+                column.label(text=text, translate=False)
         for warning in check.warnings:
             text = f"{localized(instant_of(warning.time_s, warning.frame))}  {warning.name}"
             there = column.operator("unisim.go_to", text=text, translate=False, icon="ERROR")

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, overload
 
 import numpy as np
@@ -32,7 +32,7 @@ from ..sensors.rays import Rays
 from ..sensors.unprojection import has_direction, image_mask, least_pixels_per_rad
 from ..world.drive import Actor, Camera, Lidar
 from ..world.replay import WorldState
-from .contact_shadow import SHADOW_CUTOFF_M, shaded
+from .contact_shadow import SHADOW_CUTOFF_M, displaced, faded, shaded
 from .lattice import NEAR_BOXES, Region, SparseImage, Tile, aligned, fill_passes, progressive_strides
 from .quality import Quality
 from .tracer import NEAR_M, Array, Backend, Maps, Tracer
@@ -56,6 +56,8 @@ class _Exposure:
     needed: set[str] = field(default_factory=set)
     shadowing: list[Actor] = field(default_factory=list)
     """Actors with contact shadows under them."""
+    displaced: dict[int, Actor] = field(default_factory=dict)
+    """Actors whose ground fades, by instance."""
     begun: float = field(default_factory=time.perf_counter)
     stats: RenderStats = field(default_factory=RenderStats)
     lights: dict[str, FloatArray] = field(default_factory=dict)
@@ -88,6 +90,7 @@ class Renderer:
     def __init__(self, backend: Backend, shadows: bool = False, lighting: Backend | None = None) -> None:
         self.backend, self.shadows = backend, shadows
         self._bound = _Binding(backend)
+        self._behind = _Binding(backend)
         self._lighting = self._bound if lighting is None or lighting is backend else _Binding(lighting)
         self.quality = backend.quality
         """Settings of speed and accuracy; they may be changed between two frames."""
@@ -194,15 +197,22 @@ class Renderer:
     ) -> NDArray[np.float32]:
         """Render single pixels at u, v (N,): colours (N, 3). They must not depend on others (`alone`)."""
         cells = u[None], v[None]
-        exposure = _Exposure(self.tracer(state), state, camera, time_s)
+        exposure = self._expose(state, camera, time_s, ())
         colours = self._seen(exposure, cells, camera_rays(camera, time_s, *cells).flat(), 1)[0][0]
         if camera.model.is_pinhole:
             return colours
         return np.where(has_direction(camera.model, u, v)[:, None], colours, np.float32(0))
 
     def _expose(self, state: WorldState, camera: Camera, time_s: float, passes: Sequence[str]) -> _Exposure:
-        shadowing = self._shadowing(state, camera)
-        return _Exposure(self.tracer(state), state, camera, time_s, passes, _needed(passes, bool(shadowing)), shadowing)
+        shadowing, tracer = self._shadowing(state, camera), self.tracer(state)
+        recorded = getattr(self.backend, "recorded_actors", None)  # trained scenes have it
+        moved = {
+            tracer.active.uids.index(actor.uid) + 1: actor
+            for actor in displaced(state, recorded)
+            if actor.uid in tracer.active.uids
+        }
+        needed = _needed(passes, bool(shadowing or moved))
+        return _Exposure(tracer, state, camera, time_s, passes, needed, shadowing, moved)
 
     def _shadowing(self, state: WorldState, camera: Camera) -> list[Actor]:
         """Return the actors under which a camera sees contact shadows."""
@@ -296,7 +306,44 @@ class Renderer:
         image = tracer.image(traced, flat.directions, exposure.camera.sensor_id, u.shape)
         if mesh_hits is not None and traced.mesh_opacity is not None:
             image = mesh_hits.over(image, traced.mesh_opacity, u.shape)
+        if exposure.displaced:
+            self._fade(exposure, cells, flat, up, image, traced.maps)
         return image, traced.maps
+
+    def _fade(
+        self,
+        exposure: _Exposure,
+        cells: tuple[FloatArray, FloatArray],
+        rays: Rays,
+        up: int,
+        image: NDArray[np.float32],
+        maps: Maps,
+    ) -> None:
+        """Let what is behind the ground of displaced actors show through in the image of cells with centres u, v
+        (h, w) and flat rays."""
+        depth = np.where(np.isfinite(maps["depth"]), maps["depth"], 0.0).astype(np.float64)
+        points = rays.origins + rays.directions * depth[:, None]
+        recorded = getattr(self.backend, "recorded_actors", None) or {}
+        share = faded(points, rays.time_s, maps["instance"], exposure.displaced, recorded, exposure.tracer.heights)
+        some = np.flatnonzero(share)
+        if not len(some):
+            return
+        moved = {actor.uid for actor in exposure.displaced.values()}
+        state = exposure.state.restricted([a.uid for a in exposure.state.actors if a.uid not in moved])
+        tracer = self._behind.tracer(state, self.quality)
+        without = replace(exposure, tracer=tracer, state=state, needed=set(), shadowing=[], displaced={})
+        shape = cells[0].shape
+        if up == 1 and tracer.reach == 0:
+            few = Rays(rays.origins[some], rays.directions[some], rays.time_s[some])
+            u, v = (np.broadcast_to(x, shape).reshape(-1)[some][None] for x in cells)
+            colours = self._seen(without, (u, v), few, up)[0].reshape(-1, 3)
+            flat = image.reshape(-1, 3)
+            flat[some] += share[some, None] * (colours - flat[some])
+            return
+        # a decoder that reads neighbours needs them all
+        behind = self._seen(without, cells, rays, up)[0]
+        wide = np.repeat(np.repeat(share.reshape(shape), up, 0), up, 1)[..., None]
+        image += np.where(wide > 0, wide * (behind - image), np.float32(0))
 
     def _frame(
         self,

@@ -221,7 +221,7 @@ def summary(sweeps: Sequence[SweepPoints], ranges: Mapping[str, BeamRanges]) -> 
         lines.append(Text("Points: {recorded} recorded, {simulated} simulated", **counts))
         metrics = sweep_metrics(ranges)
         if len({sweep.frame for sweep in sweeps if len(sweep.points)}) > 1:
-            lines.append(Text("The simulated points of this frame are being computed"))
+            lines.append(Text("Not compared: the points are of two frames"))
         elif metrics is None or not np.isfinite(metrics["depth_median_m"]):
             lines.append(Text("Not compared: the beams are not the recorded ones"))
         else:

@@ -34,6 +34,7 @@ PLAUSIBLE_EXTENT_M = 0.05, 100.0
 """Of a mesh actor: beyond it, its file may have another unit."""
 PLAUSIBLE_SCALE = 0.5, 2.0
 """Of what was recorded: an actor that is smaller or larger is told."""
+MOST_NAMED = 3
 OVERLAP_M = 0.1
 """Boxes are drawn generously: less than this is no collision."""
 
@@ -82,6 +83,22 @@ def warnings_of(
     for obj in sampled.of("CAMERA"):
         yield from _far(obj, drive, sampled.clock)
         yield from _aside(obj, drive, sampled.clock)
+
+
+def shadow_note(sampled: Sampled, drive: Drive, is_trained: bool) -> str:
+    """Return what becomes of the recorded shadows of actors that are not as recorded, as one sentence; "" without any.
+    Only a trained scene has ground in actors' boxes."""
+    names = [
+        obj.name
+        for obj in sampled.of("ACTOR")
+        if obj.there.any() and not obj.mesh and not _as_recorded(obj, drive, sampled.clock)
+    ]
+    if not names:
+        return ""
+    actors = ", ".join(names[:MOST_NAMED]) + (f" + {len(names) - MOST_NAMED}" if len(names) > MOST_NAMED else "")
+    if not is_trained:
+        return Text("Recorded shadows stay where they were: {actors}", actors=actors)
+    return Text("Recorded shadows stay where they were, but for what is under the actor: {actors}", actors=actors)
 
 
 def _as_recorded(obj: SampledObject, drive: Drive, clock: Clock) -> bool:

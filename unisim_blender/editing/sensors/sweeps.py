@@ -170,8 +170,9 @@ def beam_ranges(sweeps: Sequence[SweepPoints]) -> dict[str, BeamRanges]:
         tables = {}
         for kind in (RECORDED, SIMULATED):
             depth = own[kind].attributes["depth"].astype(float)
-            order = np.argsort(-depth, kind="stable")  # of two in a cell the nearer stays
-            order = order[cells[kind][order] >= 0]
+            order = np.flatnonzero(cells[kind] >= 0)
+            if np.bincount(cells[kind][order]).max(initial=0) > 1:  # of two in a cell the nearer stays
+                order = order[np.argsort(-depth[order], kind="stable")]
             for name in ("depth", "intensity"):
                 tables[kind, name] = np.full(count, np.nan)
                 tables[kind, name][cells[kind][order]] = own[kind].attributes[name][order]

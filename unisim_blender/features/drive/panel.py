@@ -41,7 +41,7 @@ class UNISIM_PT_drive(DrivePanel, bpy.types.Panel):
             interface("Actors: {actors}, sensors: {sensors}", actors=actors, sensors=sensors),
             "OUTLINER_OB_GROUP_INSTANCE",
         )
-        layout.operator("unisim.import_parts", icon="PRESET")
+        layout.operator("unisim.import_sensors", icon="OUTLINER_OB_CAMERA")
         layout.operator("unisim.import_scene", text="Import Trained Scene", icon="IMPORT")
 
 

@@ -132,6 +132,9 @@ class UniSimCheck(bpy.types.PropertyGroup):
         name="State", description="Digest of the edits that were checked; empty before the first check"
     )
     checked: StringProperty(name="Checked", description="Local date and time of the check")
+    shadows: PointerProperty(
+        type=UniSimWarning, name="Shadows", description="What becomes of the recorded shadows of edited actors"
+    )
 
 
 FORMATS = tuple((name, name, about) for name, about in (FRAME_FORMATS | SEQUENCE_FORMATS).items())

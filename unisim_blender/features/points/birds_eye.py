@@ -15,7 +15,7 @@ from bpy.app.handlers import persistent
 from mathutils import Euler
 
 from ...bridge.objects.imported import imported_objects
-from ...bridge.window import areas, drive
+from ...bridge.window import areas, drive, fit_camera_view
 from ...translations import message
 from ..operator_bases import Needing
 
@@ -23,6 +23,8 @@ SHARE = 0.36
 """Of the 3D view's width that the new view takes."""
 ACROSS_M = 70.0
 """Distance of the view, which is about as many metres as its longer side shows."""
+DRAWN_S = 0.1
+"""Time after which the areas of a window have been drawn in their new sizes."""
 STEEP = 0.999
 """Least cosine of the angle from straight down at which a view counts as one from above."""
 
@@ -52,6 +54,14 @@ def turn(space: Any, ego: bpy.types.Object) -> None:
     space.region_3d.view_rotation = Euler((0.0, 0.0, math.atan2(-forward.x, forward.y))).to_quaternion()
 
 
+def fit_cameras() -> None:
+    """Fit the camera's frame into the views that look through it, as a timer: they have their new size once drawn."""
+    for area in areas("VIEW_3D") if bpy.context.scene.camera is not None else ():
+        looks = area.spaces.active.region_3d
+        if looks is not None and looks.view_perspective == "CAMERA":
+            fit_camera_view(area)
+
+
 class UNISIM_OT_birds_eye(Needing, bpy.types.Operator):
     """Open a view from above beside this one, which follows the ego vehicle, or close it"""
 
@@ -62,6 +72,7 @@ class UNISIM_OT_birds_eye(Needing, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Close the views from above, or split this view."""
         opened, ego = list(views(context.scene)), next(imported_objects(context.scene, "EGO"), None)
+        bpy.app.timers.register(fit_cameras, first_interval=DRAWN_S)
         for area, *_ in opened:
             window = next(one for one in context.window_manager.windows if area in list(one.screen.areas))
             with context.temp_override(window=window, screen=window.screen, area=area):
@@ -85,3 +96,4 @@ class UNISIM_OT_birds_eye(Needing, bpy.types.Operator):
 
 CLASSES = (UNISIM_OT_birds_eye,)
 HANDLERS = (("frame_change_post", follow),)
+TIMERS = (fit_cameras,)

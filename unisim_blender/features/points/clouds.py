@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import bpy
@@ -16,6 +16,7 @@ from ...bridge.views.points import sweep_of
 from ...editing.layout.point_colours import KINDS, PointColours, PointLegend, coloured, legend_shapes
 from ...editing.layout.speed_graph import GraphShapes
 from ...editing.sensors.sweeps import DROPS, RECORDED, SweepPoints
+from ...editing.texts import Text
 from ...registering import Drawing
 from ...translations import localized
 from ...viewport.overlay_layout import WANTED, overlay_layout
@@ -134,7 +135,11 @@ def shapes_of_legend(context: bpy.types.Context) -> tuple[GraphShapes, float, fl
         return None
     scale = context.preferences.system.ui_scale
     blf.size(0, LABEL_PX * scale)
-    return legend_shapes(shown.legend, lambda text: blf.dimensions(0, localized(text))[0] / scale)
+    now = context.scene.frame_current
+    others = {int(sweep.frame) for sweep in shown.sweeps if len(sweep.points)} - {now}
+    stale = [Text("Points of frame {frame}; this is frame {now}", frame=frame, now=now) for frame in sorted(others)]
+    legend = replace(shown.legend, lines=(*shown.legend.lines, *stale))
+    return legend_shapes(legend, lambda text: blf.dimensions(0, localized(text))[0] / scale)
 
 
 def legend_size(context: bpy.types.Context) -> tuple[float, float] | None:

@@ -151,6 +151,8 @@ class CompiledBackend:
         self.scene, self.others = scene, dict(others or {})
         self.quality = quality
         self.parked: Mapping[str, Box] = scene.header.parked
+        self.recorded_actors: Mapping[str, Actor] | None = scene.header.drive.actors
+        """Actors as they were recorded, by their ids: they have the recorded ground in their boxes."""
         self.space: ObservedSpace | None = None
         self.clipped = False
 

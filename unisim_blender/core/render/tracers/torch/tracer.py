@@ -92,6 +92,8 @@ class TorchBackend:
             path: None if m.config.actors == "none" else tuple(m.actor_ids) for path, (m, _) in self.scenes.items()
         }
         self.parked: Mapping[str, Box] = scene.header.parked
+        self.recorded_actors: Mapping[str, Actor] | None = scene.header.drive.actors
+        """Actors as they were recorded, by their ids: they have the recorded ground in their boxes."""
         self.space: ObservedSpace | None = None
         self.clipped = False
 
