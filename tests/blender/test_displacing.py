@@ -12,15 +12,13 @@ from helpers import driving, edited, imported, read, select
 from mathutils import Quaternion, Vector
 
 from unisim_blender.bridge.changes import following
-from unisim_blender.bridge.changes.motion import displaced_along, respeeded
+from unisim_blender.bridge.changes.motion import displaced_along
 from unisim_blender.bridge.objects.animation import keys_of, write_keys
 from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.bridge.objects.trajectories import convert, remove, trajectory_of
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.scenario.edits import Duplicate, Ego, Move
-from unisim_blender.editing.motion.braking import braked
 from unisim_blender.editing.motion.keys import BLEND_S
-from unisim_blender.editing.sampled.clock import Clock
 
 
 def let_go() -> list[str]:
@@ -241,11 +239,12 @@ def test_what_stands_still_does_not_slide(street: Any) -> None:
     for frame, left in ((2, 0.0), (12, 3.0)):
         one.location = (0.0, left, 0.0)
         one.keyframe_insert("location", frame=frame)
-    clock = Clock.of(source_of(street).drive)
-    now_s = float(clock.time_s(np.array(7.0)))
-    respeeded(one, lambda keys: braked(keys, now_s, 0.5, 1000.0, 2.0, clock), clock)
+    select(one)
+    assert bpy.ops.unisim.retime_actor(
+        mode="STOP", first_s=0.4, seconds=0.8, braking="CUSTOM", deceleration_m_s2=40.0
+    ) == {"FINISHED"}
     places = []
-    for frame in (8, 10, 12):
+    for frame in (13, 14, 15):
         street.frame_set(frame)
         places.append(np.array(one.matrix_world.translation))
-    assert np.ptp(places, axis=0).max() < 1e-3
+    assert np.ptp(places, axis=0).max() < 0.02

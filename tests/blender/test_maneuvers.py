@@ -23,6 +23,7 @@ from unisim_blender.editing.motion.plausibility import warnings_of
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.scene import near, same
 from unisim_blender.editing.simulation.sweeps import fields_of
+from unisim_blender.features.motion.maneuvers import HANDLES, maneuver_handles
 
 
 @pytest.fixture(scope="module")
@@ -232,3 +233,42 @@ def test_what_cannot_be_is_refused_in_words_of_the_window(winding: Any) -> None:
     with pytest.raises(RuntimeError, match=rf"The lane change of {obj.name} takes .* are left: begin earlier"):
         bpy.ops.unisim.maneuver(kind="LANE_CHANGE")
     assert read(winding).edits == () and np.isfinite(obj.location).all()
+
+
+def test_a_handle_changes_its_number_as_dragging_does(winding: Any) -> None:
+    obj = actor(winding, "walker")
+    press("CROSS", gap_by="LENGTH", gap_m=8.0)
+    clock = Clock.of(source_of(winding).drive)
+    ((name, place),) = maneuver_handles(obj, clock)
+    assert name == "gap_m"
+    assert bpy.ops.unisim.drag_maneuver(number=name, value=11.0) == {"FINISHED"}
+    (edit,) = maneuvers(winding)
+    assert edit["gap_m"] == pytest.approx(11.0) and edit["side"] == "right"
+    ((_, after),) = maneuver_handles(obj, clock)
+    assert np.linalg.norm(after - place) == pytest.approx(3.0, abs=0.05)
+    assert_shown(winding)
+
+
+@pytest.mark.parametrize("kind", ["CUT_IN", "LANE_CHANGE", "BRAKE"])
+def test_handles_lie_where_a_number_shows(winding: Any, kind: str) -> None:
+    obj = actor(winding, PRESSED[kind][0])
+    press(kind)
+    clock = Clock.of(source_of(winding).drive)
+    handles = maneuver_handles(obj, clock)
+    assert [name for name, _ in handles] == [name for name in HANDLES[kind.lower()] if name in maneuvers(winding)[0]]
+    for name, _ in handles:
+        before = maneuvers(winding)[0][name]
+        assert bpy.ops.unisim.drag_maneuver(number=name, value=before + 0.2) == {"FINISHED"}
+        assert maneuvers(winding)[0][name] == pytest.approx(before + 0.2, abs=1e-4)
+    (numbers,) = maneuvers(winding)
+    assert bpy.ops.unisim.drag_maneuver(number="at_s", value=99.0) == {"FINISHED"}
+    assert maneuvers(winding) == [numbers]  # what cannot be leaves it as it was
+
+
+def test_what_was_moved_since_has_no_maneuver_to_drag(winding: Any) -> None:
+    obj = actor(winding, "near")
+    press("LANE_CHANGE")
+    obj.location.y += 1.0
+    bpy.context.view_layer.update()
+    with pytest.raises(RuntimeError, match="The actor was moved since its maneuver"):
+        bpy.ops.unisim.drag_maneuver(number="left_m", value=2.0)

@@ -58,6 +58,24 @@ def test_inserting_from_another_scene(street: Any) -> None:
     assert actor.world_from_actor.positions[0] == pytest.approx([25.0, 3.0, actor.size_m[2] / 2], abs=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("cursor", "forward"),
+    [
+        ((0.0, 0.0, 0.0), None),
+        ((1.1, 0.0, 0.8), None),  # as a click in a slanted view leaves it
+        ((0.0, 0.0, 2.0), (np.cos(2.0), np.sin(2.0), 0.0)),
+    ],
+)
+def test_an_actor_at_the_cursor_faces_along_the_nearest_path(street: Any, cursor: Any, forward: Any) -> None:
+    driving = next(one for one in edited(street).actors.values() if one.is_moving and one.label == "Car")
+    pose = driving.world_from_actor.at(np.array([0.5]))[0]
+    street.cursor.location, street.cursor.rotation_mode = pose[:3, 3], "XYZ"
+    street.cursor.rotation_euler = cursor
+    assert bpy.ops.unisim.insert_actor(actor=of_class(street, "Car", False), where="CURSOR") == {"FINISHED"}
+    axis = np.array(bpy.context.active_object.matrix_world)[:3, 0]
+    assert axis == pytest.approx(pose[:3, 0] if forward is None else forward, abs=0.02)
+
+
 def test_no_operator_remembers_what_it_was_last_done_to(street: Any) -> None:
     """A button without a file, a folder or a name is for the drive, and not for what another button named."""
     for name in dir(bpy.ops.unisim):

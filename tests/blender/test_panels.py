@@ -103,11 +103,10 @@ class MenuLines:
 
 
 ROW = (
-    "add_parameter compare_variant forget_model go_to go_to_edit hide_rollout import_log import_scenario import_scene "
-    "look_through mute_edit remove_parameter remove_rig revert_edit same_model show_sensor show_variant test_renderer "
-    "use_frame_range"
+    "add_parameter compare_variant forget_model go_to go_to_edit hide_rollout look_through mute_edit "
+    "remove_parameter remove_rig revert_edit same_model show_sensor show_variant test_renderer use_frame_range"
 )
-"""Operators of a row of a list or of the preferences, and those that Import Drive has become."""
+"""Operators of a row of a list or of the preferences."""
 
 
 def test_the_menu_search_finds_all_operators(street: Any) -> None:

@@ -14,7 +14,7 @@ from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.scenario import load_scenario, save_scenario
-from unisim_blender.core.scenario.edits import CopyStatic, Duplicate, Ego, Move, Remove, RemoveStatic
+from unisim_blender.core.scenario.edits import Brake, CopyStatic, Duplicate, Ego, Move, Remove, RemoveStatic
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.scene import same
 
@@ -165,7 +165,7 @@ def test_retimed_actors_stay_on_their_path(street: Any, mode: str) -> None:
     last = {"last_s": 1.2} if mode == "STRETCH" else {}
     assert bpy.ops.unisim.retime_actor(mode=mode, seconds=0.4, speed=0.5, first_s=0.4, **last) == {"FINISHED"}
     (edit,) = read(street).edits
-    assert isinstance(edit, Move)
+    assert isinstance(edit, Brake if mode == "STOP" else Move)
     agree(street)
     drive = source_of(street).drive
     fine = np.linspace(0, drive.duration_s, 400)

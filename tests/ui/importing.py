@@ -6,17 +6,19 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from browser import choose_path, menu_entry
-from buttons import reports
-from hands import drop, key, middle, sidebar, to
-from session import OUT, area, results, screenshot, start, until, view
+from buttons import press, reports
+from hands import drop, edits, key, middle, sidebar, to
+from session import OUT, area, inside, results, screenshot, start, until, view
 from tasks import empty_file, install, task
 
 LOG = OUT.parent / "log"
@@ -79,13 +81,101 @@ def by_drop(path: Path, name: str) -> Iterator[float]:
     yield from seen(name)
 
 
+def first_steps() -> Iterator[float]:
+    """The buttons of the first steps, ticked one after the other; then they are gone."""
+    panel, scene = bpy.types.UNISIM_PT_first_steps, bpy.context.scene
+    yield from press("view3d.toggle_shading(")
+    yield from until(lambda: view()[1].shading.type == "RENDERED", "the first step does not change the shading", 10)
+    yield from until(lambda: scene.unisim.done_steps == "VIEW", f"done: {scene.unisim.done_steps}", 10)
+    yield from press("unisim.insert_actor(")
+    yield 1.0
+    screenshot("first_steps_insert")
+    yield from key("RET")
+    yield from until(lambda: "EDIT" in scene.unisim.done_steps, f"done: {scene.unisim.done_steps}", 30)
+    screenshot("first_steps_ticked")
+    with inside(area("VIEW_3D")):
+        assert panel.poll(bpy.context)
+    view()[1].shading.type = "SOLID"
+    yield from press("render.render(")
+    yield from until(lambda: not bpy.app.is_job_running("RENDER") and len(windows()) > 1, "nothing is rendered", 240)
+    bpy.context.window_manager.windows[0].workspace.status_text_set(None)
+    with bpy.context.temp_override(window=windows()[-1]):
+        bpy.ops.wm.window_close()
+    yield from until(lambda: not scene.unisim.first_steps, f"done: {scene.unisim.done_steps}", 30)
+    with inside(area("VIEW_3D")):
+        assert not panel.poll(bpy.context)
+
+
+def windows() -> Any:
+    """Return Blender's windows."""
+    return bpy.context.window_manager.windows
+
+
+def closed_stays_closed() -> Iterator[float]:
+    """N closes the sidebar; the import into another scene of the file leaves it closed and shows no first steps."""
+    yield from to(*middle(area("VIEW_3D")))
+    yield from key("N")
+    yield from until(lambda: not view()[1].show_region_ui, "N does not close the sidebar", 5)
+    with inside(area("VIEW_3D")):
+        bpy.ops.scene.new(type="EMPTY")
+    yield 0.5
+    drop(next(LOG.rglob("timestamps.json")))
+    yield from arrived()
+    assert not view()[1].show_region_ui and not bpy.context.scene.unisim.first_steps
+    wide, high = camera_frame()
+    assert max(wide, high) > 0.9, (wide, high)
+
+
+def one_of_several() -> Iterator[float]:
+    """A folder with two drives asks which; Enter takes the one under the mouse."""
+    empty_file()
+    yield 1.0
+    for name in ("a", "b"):
+        with suppress(FileExistsError):
+            (OUT.parent / "several" / name).parent.mkdir(exist_ok=True)
+            (OUT.parent / "several" / name).symlink_to(LOG)
+    yield from to(*middle(area("VIEW_3D")))
+    with inside(area("VIEW_3D")):
+        bpy.ops.unisim.import_drive("INVOKE_DEFAULT", filepath=str(OUT.parent / "several"))
+    yield 0.5
+    screenshot("import_choices")
+    yield from key("DOWN_ARROW")
+    yield from key("RET")
+    yield from arrived()
+    assert Path(bpy.context.scene.unisim.log).parent == OUT.parent / "several"
+
+
+def fewer_sensors() -> Iterator[float]:
+    """Imported Sensors: the dialog, and what it leaves."""
+    with inside(area("VIEW_3D")):
+        bpy.ops.unisim.import_sensors("INVOKE_DEFAULT")
+    yield 0.5
+    screenshot("import_sensors_dialog")
+    yield from key("ESC")
+    yield 0.3
+    with inside(area("VIEW_3D")):
+        bpy.ops.unisim.import_sensors("EXEC_DEFAULT", sensors={"front_camera"})
+    yield from until(lambda: not any(o.unisim.kind == "LIDAR" for o in bpy.context.scene.objects), "sensors stay", 60)
+    yield from arrived()
+    scene = bpy.context.scene
+    assert not edits()
+    assert [o.unisim.uid for o in scene.objects if o.unisim.kind == "CAMERA"] == ["front_camera"]
+
+
 def steps() -> Iterator[float]:
     """The session."""
     yield from install()
     yield from task("import_menu", by_menu)
     empty_file()
     yield 1.0
-    yield from task("import_drop", partial(by_drop, LOG / "meta" / "gps.json", "drop"))
+    yield from sidebar()
+    screenshot("import_empty_tab")
+    view()[1].show_region_ui = False
+    yield 0.5
+    yield from task("import_drop", partial(by_drop, next(LOG.rglob("timestamps.json")), "drop"))
+    if hasattr(bpy.types, "UNISIM_OT_import_drive"):
+        for todo in (first_steps, closed_stays_closed, one_of_several, fewer_sensors):
+            yield from task(f"import_{todo.__name__}", todo)
 
 
 if __name__ == "__main__":

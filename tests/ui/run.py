@@ -40,6 +40,7 @@ SESSIONS = {
     "displaced": ["--enable-event-simulate"],
     "retimed": ["--enable-event-simulate"],
     "placing": ["--enable-event-simulate"],
+    "maneuvers": ["--enable-event-simulate"],
     "sequences": ["--enable-event-simulate"],
     "simulate": ["--enable-event-simulate"],
     "rollouts": ["--enable-event-simulate"],
@@ -104,8 +105,10 @@ def main(
     place_scene(root, inner)
     if "sequences" in chosen:
         shutil.copytree(synthetic("small", "3", "96", "54"), work / "small")
-    if "importing" in chosen:
-        shutil.copytree(os.environ.get("UNISIM_UI_LOG") or street(), work / "log")
+    if {"importing", "maneuvers"} & set(chosen):
+        own = os.environ.get("UNISIM_UI_LOG")
+        recorded = own or (street() if "importing" in chosen else synthetic("long", "80", "96", "54"))
+        shutil.copytree(recorded, work / "log")
     if "layouts" in chosen:
         shutil.copytree(street_layouts(), work / "layouts")
         shutil.copytree(log_packages(root), work / "packages")

@@ -101,8 +101,8 @@ class UNISIM_MT_view(bpy.types.Menu):
             layout.prop(scene.unisim, name)
         layout.prop(scene.unisim_motion, "show_graph")
         layout.operator("unisim.recorded_colours")
+        layout.operator("unisim.import_sensors")
         layout.operator("unisim.birds_eye")
-        layout.operator("unisim.import_parts")
         for text, recorded, simulated in POINTS:
             shown = layout.operator("unisim.show_points", text=text)
             shown.recorded, shown.simulated = recorded, simulated

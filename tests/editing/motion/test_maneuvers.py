@@ -103,6 +103,11 @@ def test_a_braking_actor_decelerates_as_asked_and_stands() -> None:
         edited({"type": "brake", "actor": "right", "at_s": 3, "deceleration_m_s2": 2, "speed_m_s": 5}), "right"
     )
     assert np.abs(slower[TIMES > 7.0] - 5.0).max() < 0.3
+    goes_on = {"type": "brake", "actor": "right", "at_s": 1.0, "deceleration_m_s2": 5.0, "stands_s": 1.0}
+    again = edited(goes_on | {"acceleration_m_s2": 3.0}).actors["right"]
+    motion = motion_of(recorded_poses(again, CLOCK)[:, :3, 3], TIMES)
+    stood = TIMES[motion.speed_m_s < 0.05]
+    assert 0.6 < stood[-1] - stood[0] < 1.2 and motion.acceleration_m_s2.max() == pytest.approx(3.0, abs=0.3)
 
 
 @pytest.mark.parametrize("shift_m", [0.0, -1.5])

@@ -102,17 +102,6 @@ def _moved(curve: bpy.types.FCurve, at: Callable[[FloatArray], FloatArray]) -> N
     curve.update()
 
 
-def _change_curve(curve: bpy.types.FCurve, change: TimeChange, clock: Clock) -> None:
-    """Move a curve's keys to their later times, and hold its value while its object stands."""
-    value = (
-        curve.evaluate(float(clock.frame(change.earlier(np.array(change.stands_s[:1]))[0]))) if change.stands_s else 0.0
-    )
-    _moved(curve, lambda frames: clock.frame(change.later(clock.time_s(frames))))
-    for time_s in change.stands_s:
-        curve.keyframe_points.insert(float(clock.frame(np.array(time_s))), value).interpolation = "LINEAR"
-    curve.update()
-
-
 def respeeded(
     obj: bpy.types.Object, change_of: Callable[[TrajectoryKeys], TimeChange], clock: Clock
 ) -> TimeChange | None:
@@ -126,7 +115,7 @@ def respeeded(
     if above is not obj:  # what displaces it from its trajectory goes along
         for curve in curves_of(obj):
             if curve.data_path != "hide_viewport":
-                _change_curve(curve, change, clock)
+                _moved(curve, lambda frames: clock.frame(change.later(clock.time_s(frames))))
     write_keys(above, *changed_keys(TrajectoryKeys(*keys), change, clock))
     return change
 

@@ -1,5 +1,5 @@
 """Speeds changed at a constant acceleration: how fast actors of each class move and brake, the way to a stop at the end
-of a line; a stop, other speeds and a change of speed by hand on a trajectory, along its own path."""
+of a line; other speeds and a change of speed by hand on a trajectory, along its own path."""
 
 from __future__ import annotations
 
@@ -76,12 +76,11 @@ APART_M = 1e-9
 
 @dataclass(frozen=True)
 class TimeChange:
-    """Times on a trajectory (K,), and the times (K,) at which the actor is there instead, both rising; from when to when
-    it stands, which is empty where it does not. ``hardest_m_s2``: by how much it brakes or speeds up more than before."""
+    """Times on a trajectory (K,), and the times (K,) at which the actor is there instead, both rising. ``hardest_m_s2``: by
+    how much it brakes or speeds up more than before."""
 
     before_s: FloatArray
     after_s: FloatArray
-    stands_s: tuple[float, ...] = ()
     hardest_m_s2: float = 0.0
 
     def later(self, times_s: FloatArray) -> FloatArray:
@@ -91,28 +90,6 @@ class TimeChange:
     def earlier(self, times_s: FloatArray) -> FloatArray:
         """Return when the actor was where it is at times (...)."""
         return np.asarray(times_s - np.interp(times_s, self.after_s, self.after_s - self.before_s))
-
-
-def braked(
-    keys: TrajectoryKeys, start_s: float, stands_s: float, braking_m_s2: float, start_m_s2: float, clock: Clock
-) -> TimeChange:
-    """Return the stop of what brakes from a time on, stands for ``stands_s`` and then speeds up at ``start_m_s2`` until
-    it is as fast as its trajectory."""
-    times_s = clock.time_s(keys.frames)
-    speeds = motion_of(extended(clock.times_s, times_s, keys.positions), clock.times_s).speed_m_s
-    speed = float(np.interp(start_s, clock.times_s, speeds))
-    until_s = max(times_s[-1], clock.times_s[-1], start_s) + speed / braking_m_s2
-    old = np.arange(start_s, until_s + 2 / clock.rate, 1 / clock.rate / STEPS)
-    steps = np.linalg.norm(np.diff(extended(old, times_s, keys.positions), axis=0), axis=1)
-    gone = np.concatenate([[0.0], np.cumsum(steps)])
-    whole = speed**2 / (2 * braking_m_s2)
-    stop = min(int(np.searchsorted(gone, whole)), len(old) - 1)
-    old = np.concatenate([old[: stop + 1], [old[stop] + APART_S], old[stop + 1 :]])
-    before = np.sqrt(2 * np.maximum(gone[stop] - gone[: stop + 1], 0) / braking_m_s2)
-    after = np.sqrt(2 * (gone[stop:] - gone[stop]) / start_m_s2)
-    takes = np.concatenate([-np.diff(before), [stands_s], np.diff(after)])
-    new = start_s + np.concatenate([[0.0], np.cumsum(np.maximum(np.diff(old), takes))])
-    return TimeChange(old, new, (float(new[stop]), float(new[stop + 1])))
 
 
 LEAST_M_S = 0.1
@@ -179,7 +156,7 @@ def other_speed(
 def changed_keys(keys: TrajectoryKeys, change: TimeChange, clock: Clock) -> TrajectoryKeys:
     """Return keys of a trajectory at other times, at the clock's frames too from where they change on."""
     times_s = clock.time_s(keys.frames)
-    new = np.concatenate([change.later(times_s), clock.times_s[clock.times_s > change.after_s[0]], change.stands_s])
+    new = np.concatenate([change.later(times_s), clock.times_s[clock.times_s > change.after_s[0]]])
     new = np.unique(np.append(new, change.after_s[0]))
     new = new[np.concatenate([[True], np.diff(new) > SAME_FRAME / clock.rate])]
     old = change.earlier(new)

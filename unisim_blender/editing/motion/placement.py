@@ -102,6 +102,17 @@ def place_ahead(
     return best
 
 
+def heading_along(point: FloatArray, paths: Sequence[FloatArray]) -> float:
+    """Return the direction at a point (3,) of the nearest of some paths of poses (N, 4, 4), in radians about z; 0 where none
+    leads anywhere."""
+    leading = [path for path in paths if is_path(path[:, :3, 3])]
+    if not leading:
+        return 0.0
+    poses = np.concatenate(leading)
+    nearest = poses[np.linalg.norm((poses[:, :3, 3] - point)[:, :2], axis=1).argmin()]
+    return float(np.arctan2(nearest[1, 0], nearest[0, 0]))
+
+
 def taken_by(ego: FloatArray, others: Sequence[Neighbour]) -> tuple[FloatArray, BoolArray]:
     """Return the boxes (A, N, 5) in the plane of the ego vehicle, at poses (N, 4, 4), and of others, and when they are
     present (A, N)."""

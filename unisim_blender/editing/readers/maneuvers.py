@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 from ...core.scenario.edits import Brake, Cross, CutIn, Duplicate, Follow, Insert, InsertMesh, LaneChange
 from ...core.scenario.motion.maneuvers import Maneuver
-from ..edits.lines import EditLine, joined, line_of, metres
+from ..edits.lines import EditLine, joined, line_of, metres, seconds
 from ..edits.reader import GroupReader, ReadContext, register
 from ..sampled.scene import same
-from ..texts import Text, translatable
+from ..texts import Text, series, translatable
 from .actors import ReadEdit, read_edits
 
 
@@ -57,8 +57,12 @@ def maneuver_words(maneuver: Maneuver) -> str:
             leader=maneuver.leader, time=maneuver.gap_s, length=metres(maneuver.gap_m),
         )  # fmt: skip
     if isinstance(maneuver, Brake):
-        return Text(
+        brakes = Text(
             "Brakes at {value:.1f} m/s² from {time:.1f} s", value=maneuver.deceleration_m_s2, time=maneuver.at_s
+        )
+        stands_s = maneuver.stands_s
+        return (
+            brakes if stands_s is None else series([brakes, Text("stands for {duration}", duration=seconds(stands_s))])
         )
     if isinstance(maneuver, LaneChange):
         left = translatable("{length} to the left from {time:.1f} s")

@@ -45,6 +45,7 @@ WORDS: dict[str, tuple[str, float]] = {
     "shift_left_m": (translatable("left"), 1.0),
     "speed": (translatable("speed, as a factor"), 0.0),
     "speed_m_s": (translatable("speed"), 0.0),
+    "stands_s": (translatable("stands for"), 1.0),
     "deceleration_m_s2": (translatable("deceleration"), 0.0),
     "at_s": (translatable("time"), 1.0),
     "left_m": (translatable("left"), 1.0),

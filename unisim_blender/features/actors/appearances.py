@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 from bpy.props import EnumProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
-from mathutils import Matrix
+from mathutils import Matrix, Quaternion, Vector
 
 from ...bridge.changes.carriers.scale import give_box
 from ...bridge.changes.motion import move_along, retimed
@@ -28,10 +28,10 @@ from ...core.world.drive import Actor
 from ...editing.actors.table import class_and_size, named_actors, natural
 from ...editing.motion.braking import habits_of
 from ...editing.motion.kinematics import motion_of
-from ...editing.motion.placement import place_ahead
+from ...editing.motion.placement import heading_along, place_ahead
 from ...editing.motion.plausibility import ground_height
 from ...editing.motion.retiming import Retiming
-from ...editing.sampled.clock import Clock
+from ...editing.sampled.clock import Clock, recorded_poses
 from ...translations import interface, message
 from ..actor_list.operators import GROUPS
 from ..operator_bases import Needing, reporting
@@ -353,8 +353,15 @@ PLACES = (
         "In front of the ego",
         "On the ego vehicle's path or the nearest one, at its speed, clear of other actors",
     ),
-    ("CURSOR", "At the 3D cursor", "At the 3D cursor, standing"),
+    (
+        "CURSOR",
+        "At the 3D cursor",
+        "At the 3D cursor, standing along the nearest recorded path, or as the cursor is turned about the vertical",
+    ),
 )
+UP = Vector((0.0, 0.0, 1.0))
+TURNED_RAD = 1e-3
+"""From this angle on the 3D cursor was turned, or is not upright."""
 
 
 def put_ahead(scene: bpy.types.Scene, obj: bpy.types.Object, actor: Actor) -> None:
@@ -371,6 +378,18 @@ def put_ahead(scene: bpy.types.Scene, obj: bpy.types.Object, actor: Actor) -> No
         obj.location, obj.rotation_quaternion, _ = Matrix(poses[at].tolist()).decompose()
     else:
         move_along(obj, poses, clock)
+
+
+def cursor_rotation(scene: bpy.types.Scene) -> Quaternion:
+    """Return the 3D cursor's rotation where it was turned about the vertical, else the direction of the nearest recorded path
+    there: a click that sets the cursor leaves it turned as the view."""
+    turned = scene.cursor.matrix.to_quaternion()
+    if turned.angle > TURNED_RAD and (turned @ UP).angle(UP) < TURNED_RAD:
+        return turned
+    drive = source_of(scene).drive
+    clock = Clock.of(drive)
+    paths = [drive.world_from_ego.at(clock.times_s), *(recorded_poses(actor, clock) for actor in drive.actors.values())]
+    return Quaternion(UP, heading_along(np.array(scene.cursor.location), paths))
 
 
 class UNISIM_OT_insert_actor(Needing, _Chooses, bpy.types.Operator):
@@ -435,7 +454,7 @@ class UNISIM_OT_insert_actor(Needing, _Chooses, bpy.types.Operator):
         obj.unisim.look, obj.unisim.look_scene = uid, folder
         if self.where == "CURSOR":
             obj.location = np.array(context.scene.cursor.location) + [0.0, 0.0, actor.size_m[2] / 2]
-            obj.rotation_quaternion = context.scene.cursor.matrix.to_quaternion()
+            obj.rotation_quaternion = cursor_rotation(context.scene)
         else:
             put_ahead(context.scene, obj, actor)
         choose(context, obj)

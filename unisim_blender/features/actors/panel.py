@@ -58,7 +58,8 @@ def card_lines(card: ActorCard) -> tuple[str, ...]:
     if card.present_s is not None:
         present = interface("Present {start:.1f} to {end:.1f} s", start=card.present_s[0], end=card.present_s[1])
     distance = interface("{speed}, {distance:.1f} m away", speed=kmh(card.speed_m_s), distance=card.distance_m)
-    return card.name, f"{card.label}, {localized(card.role)}", card.size, distance, present
+    label = card.label if card.role == "recorded" else f"{card.label}, {localized(card.role)}"
+    return card.name, label, card.size, distance, present
 
 
 class UNISIM_PT_actor(DrivePanel, bpy.types.Panel):

@@ -167,24 +167,7 @@ def take_back() -> None:
     bpy.ops.ed.undo_push(message="Import Stopped")  # nor can a redo bring the half back
 
 
-class _FrameRange:
-    """Base of operators that take a range of frames."""
-
-    first_frame: IntProperty(name="First", description="First frame", min=0, options={"SKIP_SAVE"})
-    last_frame: IntProperty(
-        name="Last", description="Last frame, or that of the drive", default=99, min=0, options={"SKIP_SAVE"}
-    )
-    frame_step: IntProperty(
-        name="Step", description="Distance of frames that are rendered", default=1, min=1, options={"SKIP_SAVE"}
-    )
-
-    def draw_frames(self: Any, layout: bpy.types.UILayout) -> None:
-        """Draw the range."""
-        for name in ("first_frame", "last_frame", "frame_step"):
-            layout.prop(self, name)
-
-
-class _ImportsParts(_FrameRange):
+class _ImportsParts:
     """Base of importers of recorded drives: which parts of the drive to import."""
 
     sensors: StringProperty(
@@ -196,6 +179,13 @@ class _ImportsParts(_FrameRange):
     all_frames: BoolProperty(
         name="All Frames", description="Frame range of the whole drive", default=True, options={"SKIP_SAVE"}
     )
+    first_frame: IntProperty(name="First", description="First frame", min=0, options={"SKIP_SAVE"})
+    last_frame: IntProperty(
+        name="Last", description="Last frame, or that of the drive", default=99, min=0, options={"SKIP_SAVE"}
+    )
+    frame_step: IntProperty(
+        name="Step", description="Distance of frames that are rendered", default=1, min=1, options={"SKIP_SAVE"}
+    )
 
     def draw(self: Any, context: bpy.types.Context) -> None:
         """Draw the settings of drives and trained scenes."""
@@ -205,7 +195,8 @@ class _ImportsParts(_FrameRange):
         column.prop(self, "all_frames")
         frames = column.column(align=True)
         frames.enabled = not self.all_frames
-        self.draw_frames(frames)
+        for name in ("first_frame", "last_frame", "frame_step"):
+            frames.prop(self, name)
 
     def parts(self: Any) -> ImportOptions:
         """Return which parts; what was imported before where nothing is set."""
@@ -225,7 +216,7 @@ class UNISIM_OT_import_log(_ImportsParts, _ImportDrive, bpy.types.Operator):
 
     bl_idname = "unisim.import_log"
     bl_label = "Import Driving Log"
-    bl_options = {"REGISTER"}
+    bl_options = {"REGISTER", "INTERNAL"}
 
     directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
@@ -242,7 +233,7 @@ class UNISIM_OT_import_scene(_ImportsParts, _ImportDrive, bpy.types.Operator):
 
     bl_idname = "unisim.import_scene"
     bl_label = "Import Trained Neural Scene"
-    bl_options = {"REGISTER"}
+    bl_options = {"REGISTER", "INTERNAL"}
 
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
@@ -279,7 +270,7 @@ class UNISIM_OT_import_scenario(_ImportScenario, bpy.types.Operator):
 
     bl_idname = "unisim.import_scenario"
     bl_label = "Import Scenario"
-    bl_options = {"REGISTER"}
+    bl_options = {"REGISTER", "INTERNAL"}
 
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
 
@@ -403,7 +394,6 @@ class UNISIM_OT_import_drive(_ImportsParts, bpy.types.Operator):
 
     directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE", "HIDDEN"})
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
-    filter_folder: BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for what to import, unless it was dropped."""
@@ -474,52 +464,47 @@ def show_choices(context: bpy.types.Context, folder: Path, choices: list[Recogni
     context.window_manager.popup_menu(draw, title=interface("Import From {folder}", folder=folder.name), icon="IMPORT")
 
 
-class UNISIM_OT_import_parts(_FrameRange, Needing, bpy.types.Operator):
-    """Choose the imported sensors of the drive and the frame range; edited sensors stay"""
+_items: list[tuple[str, str, str]] = []
 
-    bl_idname = "unisim.import_parts"
-    bl_label = "Sensors and Frames"
+
+def sensor_items(self: Any, context: bpy.types.Context) -> list[tuple[str, str, str]]:
+    """Return the recorded sensors of the scene that is shown, as items of a property."""
+    recorded = source_of(context.scene).drive if has_drive(context.scene) else None
+    names = [] if recorded is None else [*recorded.cameras, *recorded.lidars]
+    _items[:] = [(name, name, interface("Import {sensor}", sensor=name)) for name in names]  # Blender keeps no copy
+    return _items
+
+
+class UNISIM_OT_import_sensors(Needing, bpy.types.Operator):
+    """Choose which recorded sensors are imported; edited ones stay"""
+
+    bl_idname = "unisim.import_sensors"
+    bl_label = "Imported Sensors"
     bl_options = {"REGISTER"}
     needs = (object_mode, drive)
 
     sensors: EnumProperty(
         name="Sensors",
         description="Cameras and LiDARs to import",
-        items=lambda self, context: sensor_items(context.scene),
+        items=sensor_items,
         options={"ENUM_FLAG", "SKIP_SAVE"},
     )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask, as the scene has them."""
-        scene = context.scene
-        self.sensors = {item[0] for item in sensor_items(scene)} - skipped_sensors(scene)
-        self.first_frame, self.last_frame, self.frame_step = scene.frame_start, scene.frame_end, scene.frame_step
+        self.sensors = {item[0] for item in sensor_items(self, context)} - skipped_sensors(context.scene)
         return set(context.window_manager.invoke_props_dialog(self, confirm_text="Import"))
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw a switch for each sensor, and the frames."""
-        column = settings_column(self.layout)
-        column.column(align=True).prop(self, "sensors")
-        self.draw_frames(column.column(align=True))
+        """Draw a switch for each sensor."""
+        self.layout.column(align=True).prop(self, "sensors")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Import the drive again."""
         about = context.scene.unisim
         kind, path = ("scene", about.scene) if about.scene else ("log", about.log)
-        parts = {name: getattr(self, name) for name in ("first_frame", "last_frame", "frame_step")}
-        parts |= {"sensors": ",".join(sorted(self.sensors)), "all_frames": False}
-        return handed_on(self, lambda: import_recognised(Recognised(kind, Path(bpy.path.abspath(path))), parts))
-
-
-_items: list[tuple[str, str, str]] = []
-
-
-def sensor_items(scene: bpy.types.Scene) -> list[tuple[str, str, str]]:
-    """Return a scene's recorded sensors as items of a property."""
-    recorded = source_of(scene).drive if has_drive(scene) else None
-    names = [] if recorded is None else [*recorded.cameras, *recorded.lidars]
-    _items[:] = [(name, name, interface("Import {sensor}", sensor=name)) for name in names]  # Blender keeps no copy
-    return _items
+        chosen, parts = Recognised(kind, Path(bpy.path.abspath(path))), {"sensors": ",".join(sorted(self.sensors))}
+        return handed_on(self, lambda: import_recognised(chosen, parts))
 
 
 class UNISIM_OT_recorded_colours(bpy.types.Operator):
@@ -552,7 +537,7 @@ CLASSES = (
     UNISIM_OT_import_scenario,
     UNISIM_OT_open_rollout,
     UNISIM_OT_import_drive,
-    UNISIM_OT_import_parts,
+    UNISIM_OT_import_sensors,
     UNISIM_OT_recorded_colours,
     UNISIM_FH_json,
     UNISIM_FH_image,

@@ -140,7 +140,7 @@ class UNISIM_GT_speed(bpy.types.Gizmo):
         return 0
 
 
-class _Group:
+class GizmosInView:
     """Base of the groups of gizmos."""
 
     bl_space_type = "VIEW_3D"
@@ -148,7 +148,7 @@ class _Group:
     bl_options = {"3D", "PERSISTENT", "SHOW_MODAL_ALL"}
 
 
-class UNISIM_GGT_lane(_Group, bpy.types.GizmoGroup):
+class UNISIM_GGT_lane(GizmosInView, bpy.types.GizmoGroup):
     """An arrow to the ego vehicle's left, which shifts its lane"""
 
     bl_label = "Ego Lane"
@@ -173,7 +173,7 @@ class UNISIM_GGT_lane(_Group, bpy.types.GizmoGroup):
             self.arrow.matrix_basis = standing(world.translation, world.to_3x3().col[1])
 
 
-class UNISIM_GGT_trajectory(_Group, bpy.types.GizmoGroup):
+class UNISIM_GGT_trajectory(GizmosInView, bpy.types.GizmoGroup):
     """Handles on the active actor's trajectory, which displace it at their time"""
 
     bl_label = "Trajectory"
@@ -226,7 +226,7 @@ class UNISIM_GGT_speed(bpy.types.GizmoGroup):
         self.curve.use_draw_modal = True
 
 
-class UNISIM_GGT_aim(_Group, bpy.types.GizmoGroup):
+class UNISIM_GGT_aim(GizmosInView, bpy.types.GizmoGroup):
     """A handle ahead of the active sensor, which turns its mount"""
 
     bl_label = "Sensor Direction"

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import bpy
 import numpy as np
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
+from mathutils import Matrix, Vector
 
 from ...bridge.changes.maneuvers import Maneuvering, Traffic, best_seen, inserted_at, scenario_id
 from ...bridge.objects.imported import class_of, copy_of, imported_objects, source_of
+from ...bridge.objects.meshes import size_of
+from ...bridge.objects.trajectories import keyed_pose
 from ...bridge.views.actors import ego_poses, neighbours
-from ...bridge.window import choose, chosen, drive, object_mode, refresh
+from ...bridge.window import choose, chosen, drive, object_mode, refresh, selected
 from ...core.actor_images.names import group_of
 from ...core.errors import UnisimError
+from ...core.geometry import FloatArray
 from ...core.scenario.motion.maneuvers import FRONT_M
 from ...core.simulation.vehicle.parameters import Vehicle
 from ...editing.edits.maneuvers import ManeuverNote
 from ...editing.motion.braking import habits_of
+from ...editing.motion.keys import on_plane, stepped
 from ...editing.motion.placement import taken_by
 from ...editing.readers.maneuvers import maneuver_words
 from ...editing.sampled.clock import Clock
@@ -25,6 +31,8 @@ from ...editing.texts import Text, series
 from ...translations import localized, message
 from ..actors.appearances import choice_of, listed
 from ..operator_bases import Needing, reporting
+from .drag import Dragged, ray
+from .gizmos import GizmosInView, UNISIM_GT_dot, are_shown, painted
 from .operators import FromTime
 
 KINDS = (
@@ -290,4 +298,152 @@ class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
             self.report({"WARNING"}, localized(said))
 
 
-CLASSES = (UNISIM_OT_maneuver,)
+HANDLES = {
+    "cut_in": ("gap_s", "gap_m", "at_s"),
+    "cross": ("gap_s", "gap_m"),
+    "lane_change": ("left_m", "at_s"),
+    "brake": ("deceleration_m_s2", "at_s"),
+    "follow": ("gap_m",),
+}
+"""Numbers of a maneuver that handles drag."""
+LATER_S = 4.0
+"""Time after the start at which the handle of what a maneuver comes to is, where it does not end before."""
+STEPS = {"_m": 0.5, "_s": 0.1, "_s2": 0.1}
+"""Steps of a number while Ctrl is held, by the end of its name."""
+
+
+def handle_time(values: Mapping[str, Any], name: str, clock: Clock) -> float:
+    """Return the time at which an actor's place shows a number of its maneuver."""
+    start, last = float(values.get("at_s", 0.0)), float(clock.times_s[-1])
+    if name == "at_s" or values["type"] == "cross":
+        return start
+    if values["type"] in ("brake", "follow"):
+        return last
+    return min(start + float(values.get("duration_s", LATER_S)), last)
+
+
+def maneuver_handles(obj: bpy.types.Object, clock: Clock) -> list[tuple[str, FloatArray]]:
+    """Return the numbers of an actor's last maneuver that can be dragged, each with a place (3,) above the actor."""
+    note = ManeuverNote.of(obj.unisim.maneuvers)
+    values = note.maneuvers[-1] if note is not None else {"type": ""}
+    handles = []
+    for name in HANDLES.get(values["type"], ()):
+        if name in values:
+            pose = keyed_pose(obj, float(clock.frame(np.array(handle_time(values, name, clock)))))
+            handles.append((name, pose[:3, 3] + [0.0, 0.0, float(size_of(obj)[2]) / 2 + ABOVE_M]))
+    return handles
+
+
+ABOVE_M = 0.7
+"""How high handles are above an actor: those of its trajectory are in its middle."""
+
+
+class UNISIM_OT_drag_maneuver(Needing, Dragged, bpy.types.Operator):
+    """Drag a number of the active actor's maneuver: its gap, distance or deceleration, or when it begins"""
+
+    bl_idname = "unisim.drag_maneuver"
+    bl_label = "Change Maneuver"
+    needs = (object_mode, selected("Select an actor first", "ACTOR"))
+
+    number: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+    value: FloatProperty(name="Value", description="Number of the maneuver", options={"SKIP_SAVE"})
+
+    def begin(self, context: bpy.types.Context) -> None:
+        """Note the maneuver, and how its place moves with the number."""
+        scene, obj = context.scene, self.subject(context)
+        actors = list(imported_objects(scene, "ACTOR"))
+        note = ManeuverNote.of(obj.unisim.maneuvers)
+        leaders = {values.get("leader") for values in note.maneuvers} if note is not None else set()
+        self.before = Maneuvering.of(scene, obj, *(one for one in actors if scenario_id(scene, one) in leaders))
+        if not self.before.note.maneuvers:
+            raise UnisimError(message("The actor was moved since its maneuver"))
+        self.values, self.before = self.before.note.maneuvers[-1], self.before.without_last()
+        self.first = float(self.values[self.number])
+        self.origin = self.place(self.first)
+        change = 0.05 if self.place(self.first + 0.05) is not None else -0.05
+        self.slope = (self.place(self.first + change) - self.origin) / change
+
+    def place(self, value: float) -> Any:
+        """Return where the actor is that shows the number (3,); None where the maneuver cannot be."""
+        values = {**self.values, self.number: value}
+        try:
+            actor, _ = self.before.after(values)
+        except UnisimError:
+            return None
+        return actor.world_from_actor.at(handle_time(values, self.number, self.before.context.clock))[:3, 3]
+
+    def follow(self, context: bpy.types.Context, pressed: FloatArray, mouse: FloatArray, in_steps: bool) -> None:
+        """Set the number to what the mouse moved in the plane of the ground."""
+        up = np.array([0.0, 0.0, 1.0])
+        first, now = (on_plane(*ray(context, at), self.origin, up) for at in (pressed, mouse))
+        if first is not None and now is not None:
+            away = float((now - first) @ self.slope / max(float(self.slope @ self.slope), 1e-6))
+            step = STEPS[next(end for end in ("_s2", "_s", "_m") if self.number.endswith(end))]
+            self.value = stepped(self.first + away, step, in_steps)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Set the number."""
+        try:
+            self.begin(context)
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        return super().execute(context)
+
+    def apply(self, context: bpy.types.Context) -> None:
+        """Do the maneuver with the number, or as it was where it cannot be."""
+        self.fault = ""
+        try:
+            self.before.apply({**self.values, self.number: round(self.value, 4)})
+        except UnisimError as fault:
+            self.fault = str(fault)
+            self.before.apply(self.values)
+
+    def restore(self) -> None:
+        """Do the maneuver as it was."""
+        self.before.apply(self.values)
+
+    def said(self, context: bpy.types.Context) -> str:
+        """Return what it does."""
+        note = ManeuverNote.of(self.subject(context).unisim.maneuvers)
+        assert note is not None  # it was just noted
+        return self.fault or series([self.subject(context).name, maneuver_words(note.edits(self.before.uid)[-1])], ": ")
+
+
+class UNISIM_GGT_maneuver(GizmosInView, bpy.types.GizmoGroup):
+    """Handles for the numbers of the active actor's last maneuver"""
+
+    bl_label = "Maneuver"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """An actor with a maneuver has to be active and selected."""
+        obj = context.active_object
+        return bool(are_shown(context) and obj is not None and obj.unisim.maneuvers and obj.select_get())
+
+    def setup(self, context: bpy.types.Context) -> None:
+        """Make as many handles as there may be."""
+        self.handles = []
+        for _ in range(2):
+            handle = self.gizmos.new(UNISIM_GT_dot.bl_idname)
+            handle.scale_basis = HANDLE
+            painted(handle, COLOUR)
+            self.handles.append((handle, handle.target_set_operator("unisim.drag_maneuver")))
+
+    def draw_prepare(self, context: bpy.types.Context) -> None:
+        """Put the handles above the actor's places; the others are hidden."""
+        obj = context.active_object
+        try:
+            places = maneuver_handles(obj, Clock.of(source_of(context.scene).drive)) if obj is not None else []
+        except (UnisimError, OSError):
+            places = []
+        for i, (handle, properties) in enumerate(self.handles):
+            handle.hide = i >= len(places)
+            if not handle.hide:
+                properties.number, place = places[i]
+                handle.matrix_basis = Matrix.Translation(Vector(place))
+
+
+COLOUR, HANDLE = (1.0, 0.45, 0.1), 0.13
+"""Of handles of maneuvers."""
+CLASSES = (UNISIM_OT_maneuver, UNISIM_OT_drag_maneuver, UNISIM_GGT_maneuver)

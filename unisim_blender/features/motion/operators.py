@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 from bpy.props import EnumProperty, FloatProperty
 
+from ...bridge.changes.maneuvers import Maneuvering
 from ...bridge.changes.motion import displaced_along, follow, respeeded, retimed, shift
 from ...bridge.objects.imported import class_of, source_of
 from ...bridge.objects.meshes import size_of
@@ -13,7 +14,7 @@ from ...bridge.sampling.stepping import frame_of
 from ...bridge.window import allowed, chosen, counted_names, object_mode, refresh, selected
 from ...core.errors import UnisimError
 from ...core.world.drive import Drive
-from ...editing.motion.braking import Approach, Habits, braked, habits_of, other_speed
+from ...editing.motion.braking import Approach, Habits, habits_of, other_speed
 from ...editing.motion.kinematics import describe
 from ...editing.motion.plausibility import ground_height
 from ...editing.motion.retiming import Retiming, followed, followed_briefly, later_or_earlier
@@ -265,13 +266,21 @@ class UNISIM_OT_retime_actor(FromTime, Braking, Needing, bpy.types.Operator):
         if self.braking != "CUSTOM" or self.mode == "STOP":
             gently = min(hard, habits.comfortable_m_s2)
         first_s, last_s = retiming.first_s, self.last_s if self.mode == "STRETCH" else None
-        change = None
         if self.mode == "STOP":
-            change = respeeded(obj, lambda keys: braked(keys, first_s, abs(self.seconds), hard, gently, clock), clock)
-        elif self.mode != "DELAY":
+            numbers = {
+                "at_s": first_s,
+                "deceleration_m_s2": hard,
+                "stands_s": abs(self.seconds),
+                "acceleration_m_s2": gently,
+            }
+            values = {"type": "brake", **{name: round(value, 5) for name, value in numbers.items()}}
+            Maneuvering.of(obj.users_scene[0], obj).apply(values)
+            return 0.0
+        change = None
+        if self.mode != "DELAY":
             speed = self.speed
             change = respeeded(obj, lambda keys: other_speed(keys, first_s, last_s, speed, hard, gently, clock), clock)
-        if change is None and self.mode != "STOP":
+        if change is None:
             retimed(obj, retiming.frames(clock))
         return 0.0 if change is None else change.hardest_m_s2
 

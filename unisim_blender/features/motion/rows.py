@@ -32,7 +32,7 @@ from ...editing.texts import Text, free_name, series
 from ...translations import localized, message
 from ..operator_bases import Needing, reporting
 from .drag import STEP_M, Dragged, ray
-from .gizmos import HANDLE, KEY_COLOUR, UNISIM_GT_dot, _Group, are_shown, painted
+from .gizmos import HANDLE, KEY_COLOUR, GizmosInView, UNISIM_GT_dot, are_shown, painted
 
 PATHS = (
     ("EGO", "Ego Vehicle", "Along the recorded path of the ego vehicle"),
@@ -382,7 +382,7 @@ def ends(context: bpy.types.Context) -> tuple[FloatArray, FloatArray]:
     return start, end
 
 
-class UNISIM_GGT_row(_Group, bpy.types.GizmoGroup):
+class UNISIM_GGT_row(GizmosInView, bpy.types.GizmoGroup):
     """Handles at both ends of the active actor's row"""
 
     bl_label = "Row"

@@ -20,7 +20,8 @@ STEP_S = 0.01
 @register
 @dataclass(frozen=True)
 class Brake(Maneuver):
-    """The actor brakes on its path from a time on, to a speed that it keeps; never faster than before at any place."""
+    """The actor brakes on its path from a time on, to a speed that it keeps, or for ``stands_s`` before it speeds up again;
+    never faster than before at any place."""
 
     type = "brake"
     members = {
@@ -28,11 +29,15 @@ class Brake(Maneuver):
         "at_s": NUMBER,
         "deceleration_m_s2": POSITIVE,
         "speed_m_s": {"type": "number", "minimum": 0},
+        "stands_s": {"type": "number", "minimum": 0},
+        "acceleration_m_s2": POSITIVE,
     }
 
     at_s: float
     deceleration_m_s2: float
     speed_m_s: float | None = None
+    stands_s: float | None = None
+    acceleration_m_s2: float | None = None
 
     def motion(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> Trajectory:
         """Return the trajectory."""
@@ -49,6 +54,9 @@ class Brake(Maneuver):
         # a speed that falls evenly, averaged over the ramp, begins and ends to fall smoothly
         falling = before - self.deceleration_m_s2 * (fine[:, None] - self.at_s - np.linspace(0, ramp, 9))
         speeds = np.clip(falling, slow, before).mean(1)
+        if self.stands_s is not None:
+            again = fine - self.at_s - (before - slow) / self.deceleration_m_s2 - ramp - self.stands_s
+            speeds = np.where(again > 0, slow + (self.acceleration_m_s2 or self.deceleration_m_s2) * again, speeds)
         own = course.speed(fine).tolist()
         # the time at which it was there before: that passes no faster, so it is nowhere faster either
         reached, then = np.empty(len(fine)), self.at_s
