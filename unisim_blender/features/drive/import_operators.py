@@ -464,6 +464,17 @@ def show_choices(context: bpy.types.Context, folder: Path, choices: list[Recogni
     context.window_manager.popup_menu(draw, title=interface("Import From {folder}", folder=folder.name), icon="IMPORT")
 
 
+_items: list[tuple[str, str, str]] = []
+
+
+def sensor_items(self: Any, context: bpy.types.Context) -> list[tuple[str, str, str]]:
+    """Return the recorded sensors of the scene that is shown, as items of a property."""
+    recorded = source_of(context.scene).drive if has_drive(context.scene) else None
+    names = [] if recorded is None else [*recorded.cameras, *recorded.lidars]
+    _items[:] = [(name, name, interface("Import {sensor}", sensor=name)) for name in names]  # Blender keeps no copy
+    return _items
+
+
 class UNISIM_OT_import_sensors(Needing, bpy.types.Operator):
     """Choose which recorded sensors are imported; edited ones stay"""
 
@@ -475,13 +486,13 @@ class UNISIM_OT_import_sensors(Needing, bpy.types.Operator):
     sensors: EnumProperty(
         name="Sensors",
         description="Cameras and LiDARs to import",
-        items=lambda self, context: sensor_items(context.scene),
+        items=sensor_items,
         options={"ENUM_FLAG", "SKIP_SAVE"},
     )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask, as the scene has them."""
-        self.sensors = {item[0] for item in sensor_items(context.scene)} - skipped_sensors(context.scene)
+        self.sensors = {item[0] for item in sensor_items(self, context)} - skipped_sensors(context.scene)
         return set(context.window_manager.invoke_props_dialog(self, confirm_text="Import"))
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -494,17 +505,6 @@ class UNISIM_OT_import_sensors(Needing, bpy.types.Operator):
         kind, path = ("scene", about.scene) if about.scene else ("log", about.log)
         chosen, parts = Recognised(kind, Path(bpy.path.abspath(path))), {"sensors": ",".join(sorted(self.sensors))}
         return handed_on(self, lambda: import_recognised(chosen, parts))
-
-
-_items: list[tuple[str, str, str]] = []
-
-
-def sensor_items(scene: bpy.types.Scene) -> list[tuple[str, str, str]]:
-    """Return a scene's recorded sensors as items of a property."""
-    recorded = source_of(scene).drive if has_drive(scene) else None
-    names = [] if recorded is None else [*recorded.cameras, *recorded.lidars]
-    _items[:] = [(name, name, interface("Import {sensor}", sensor=name)) for name in names]  # Blender keeps no copy
-    return _items
 
 
 class UNISIM_OT_recorded_colours(bpy.types.Operator):
