@@ -56,7 +56,7 @@ from ..sidebar import Sidebar, settings_column
 
 FAR_M = 2000.0
 """Clipping distance of views, in metres: a drive is longer than Blender's 100 m."""
-TAB_DRAWINGS = 100
+TAB_DRAWINGS = 10
 """Number of steps in which the sidebar should have been drawn."""
 MOST_CHOICES = 30
 """Number of drives in a folder that a menu shows."""
