@@ -177,7 +177,7 @@ class PlacesRow(Needing):
 
     def row(self: Any, context: bpy.types.Context, obj: bpy.types.Object, recorded: Drive) -> Row:
         """Return the row as it is set."""
-        along = {"EGO": EGO, "ACTOR": nearest_driver(obj, recorded)}.get(self.along)
+        along = nearest_driver(obj, recorded) if self.along == "ACTOR" else EGO if self.along == "EGO" else None
         return Row(
             obj.unisim.uid,
             self.id,
