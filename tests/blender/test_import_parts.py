@@ -98,3 +98,11 @@ def test_first_steps_belong_to_a_files_first_drive(scene: Any, street_log: Path)
     bpy.context.window.scene = other = bpy.data.scenes.new("other")
     assert bpy.ops.unisim.import_drive(filepath=str(street_log)) == {"FINISHED"}
     assert other.unisim.log and not other.unisim.first_steps and not panel.poll(bpy.context)
+
+
+def test_the_dialog_has_a_switch_for_each_sensor(scene: Any, street_log: Path) -> None:
+    assert bpy.ops.unisim.import_log(filepath=str(street_log), sensors="pandar64") == {"FINISHED"}
+    assert bpy.ops.unisim.import_sensors(sensors={"front_camera"}) == {"FINISHED"}
+    assert names(scene) == ["front_camera"] and read_now(scene) == ()
+    with pytest.raises(RuntimeError, match='sensors: "" is none of front_camera, pandar64'):
+        bpy.ops.unisim.import_sensors(sensors=set())

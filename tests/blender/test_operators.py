@@ -68,7 +68,7 @@ def test_inserting_from_another_scene(street: Any) -> None:
 )
 def test_an_actor_at_the_cursor_faces_along_the_nearest_path(street: Any, cursor: Any, forward: Any) -> None:
     driving = next(one for one in edited(street).actors.values() if one.is_moving and one.label == "Car")
-    pose = driving.world_from_actor.at([0.5])[0]
+    pose = driving.world_from_actor.at(np.array([0.5]))[0]
     street.cursor.location, street.cursor.rotation_mode = pose[:3, 3], "XYZ"
     street.cursor.rotation_euler = cursor
     assert bpy.ops.unisim.insert_actor(actor=of_class(street, "Car", False), where="CURSOR") == {"FINISHED"}

@@ -37,7 +37,7 @@ from unisim_blender.editing.simulation.rollouts import (
 from unisim_blender.editing.simulation.stated import count_steps
 from unisim_blender.features.drive.import_operators import UNISIM_OT_open_rollout
 from unisim_blender.features.simulation import panel as simulation
-from unisim_blender.features.simulation.operators import RolloutTask, rollout_folders
+from unisim_blender.features.simulation.operators import RolloutTask, UNISIM_OT_sort_rollouts, rollout_folders
 from unisim_blender.features.simulation.overlay import lines_now
 from unisim_blender.features.simulation.panel import rows_of
 from unisim_blender.features.simulation.properties import driver_of
@@ -337,8 +337,10 @@ def test_rollouts_are_listed_with_their_scores(street: Any, tmp_path: Path) -> N
 
 def test_every_column_is_a_score_that_is_written(rolled: Path) -> None:
     scores = json.loads((rolled / "scores.json").read_text())
-    for column in COLUMNS:
+    for number, column in enumerate(COLUMNS):
         assert column.key in scores[column.member], column.title
+        explained = UNISIM_OT_sort_rollouts.description(bpy.context, SimpleNamespace(column=number))
+        assert explained == column.about and "better" in explained
 
 
 def test_collisions_and_ttc_are_markers(scene: Any, rolled: Path, tmp_path: Path) -> None:

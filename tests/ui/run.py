@@ -58,6 +58,7 @@ SESSIONS = {
     "rigs": ["--enable-event-simulate"],
     "compare": ["--enable-event-simulate"],
     "layouts": ["--enable-event-simulate"],
+    "errors": ["--enable-event-simulate"],
     "importing": ["--enable-event-simulate"],
     "first_image": ["--enable-event-simulate"],
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from unisim_blender.core.formats.rendered import camera_path
 from unisim_blender.core.output.video import _frames_of
 from unisim_blender.core.simulation.rollout.film import BOX, CAPTION, EGO_BOX
 
+SAMPLE = Path(__file__).parents[3] / "sample" / "scenario.json"
 FEW = 12
 """Largest difference of pixels that JPEG leaves in even parts."""
 
@@ -83,3 +85,10 @@ def test_what_is_missing_is_said(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"000001\.png: is missing or no image; a film is made of png files"):
         write_film(folder, out=tmp_path / "film.html")
     assert not (tmp_path / "film.html").exists()
+
+
+def test_a_missing_package_is_said_before_anything_is_rendered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    command = ["render", str(SAMPLE), "--out", str(tmp_path / "out"), "--frames", "5", "--format", "video"]
+    result = CliRunner().invoke(unisim, command)
+    assert isinstance(result.exception, ModuleNotFoundError) and not list(tmp_path.rglob("*.png"))

@@ -34,10 +34,12 @@ LOG_FOLDER = "pandaset"
 
 
 class SequenceFormat(NamedTuple):
-    """``needs`` are the formats of frames that it is made of; ``write`` writes it into the sequence's folder."""
+    """``needs`` are the formats of frames that it is made of; ``write`` writes it into the sequence's folder; ``modules``
+    are imported before anything is rendered, so that a missing package is told at once."""
 
     needs: tuple[str, ...]
     write: Callable[[RenderPlan, Path], object]
+    modules: tuple[str, ...] = ()
 
 
 def check_sequence_formats(names: Iterable[str], settings: SequenceSettings, place: Path | str) -> None:
@@ -46,6 +48,8 @@ def check_sequence_formats(names: Iterable[str], settings: SequenceSettings, pla
     names = tuple(names)
     check_run_formats(names, settings, place)
     for name in names:
+        for module in WRITERS[name].modules if name in WRITERS else ():
+            import_module(module)
         for need in WRITERS[name].needs if name in WRITERS else ():
             if need not in settings.formats and getattr(settings, SENSORS[need]):
                 raise OutputError(
@@ -145,7 +149,7 @@ def _write_videos(plan: RenderPlan, out: Path) -> None:
 
 WRITERS = {
     "pandaset": SequenceFormat(("png", "npz"), write_rendered_log),
-    "video": SequenceFormat(("png",), _write_videos),
+    "video": SequenceFormat(("png",), _write_videos, ("imageio_ffmpeg",)),
 }
 """The formats beside those of runs."""
 

@@ -248,13 +248,8 @@ def score_rows(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[Scor
         else Text("{seconds:.1f} s at {time:.1f} s", seconds=seconds, time=least["minimum_at_s"]),
         seconds is not None and seconds < 1,
     )
-    for name, member in (("PDMS", "pdms"), ("HD-score", "hd_score")):
-        value = _member(scores, member).get("score")
-        add(name, None if value is None else f"{value:.2f}")
-    stars = _member(scores, "ncap").get("stars")
-    add(translatable("NCAP stars"), None if stars is None else f"{stars:.1f} / 5")
-    share = _member(scores, "progress").get("share")
-    add(translatable("Progress"), None if share is None else f"{100 * share:.0f} %")
+    for column in PLAIN:
+        add(column.title, column.text(_member(scores, column.member).get(column.key)))
     away = _member(scores, "deviation").get("across_max_m")
     add(translatable("Off the log"), None if away is None else Text("{length} at most", length=metres(away)))
     road = _member(scores, "off_road")
@@ -284,6 +279,10 @@ class ScoreColumn(NamedTuple):
     form: str
     rises: bool
 
+    def text(self, value: float | None) -> str:
+        """Return a value as it is written; a dash for none."""
+        return "–" if value is None else self.form.format(value).replace("%", " %")
+
 
 COLUMNS = (
     ScoreColumn(translatable("Collisions"), translatable("Actors that the vehicle touches; fewer are better"),
@@ -296,7 +295,7 @@ COLUMNS = (
     ScoreColumn("HD-score", translatable("HUGSIM's score, 0 to 1, of the driver's plans, times progress; higher is better"),
                 "hd_score", "score", "{:.2f}", True),
     ScoreColumn(translatable("NCAP stars"), translatable("NeuroNCAP's stars, 0 to 5: 5 without a collision, fewer the "
-                "faster it is; more are better"), "ncap", "stars", "{:.1f}", True),
+                "faster it is; more are better"), "ncap", "stars", "{:.1f} / 5", True),
     ScoreColumn(translatable("Progress"), translatable("Distance along the recorded path as a fraction of the recorded "
                 "vehicle's; higher is better"), "progress", "share", "{:.0%}", True),
     ScoreColumn(translatable("Off the log"), translatable("Greatest distance to the side of the recorded path, in metres; "
@@ -304,6 +303,8 @@ COLUMNS = (
     ScoreColumn(translatable("Unsupported"), translatable("Fraction of the driver's pixels that no recorded data "
                 "supports; less is better"), "unsupported", "mean_share", "{:.0%}", False),
 )  # fmt: skip
+PLAIN = COLUMNS[2:6]
+"""Those whose values alone are a row of the panel."""
 
 
 class ListedRollout(NamedTuple):
@@ -341,7 +342,7 @@ def best_values(rollouts: Sequence[ListedRollout]) -> list[str]:
     best = []
     for column, values in zip(COLUMNS, zip(*(rollout.values for rollout in rollouts), strict=True), strict=False):
         known = sorted((value for value in values if value is not None), reverse=column.rises)
-        texts = [column.form.format(value) for value in known]
+        texts = [column.text(value) for value in known]
         best.append(texts[0] if len(set(texts)) > 1 else "")
     return best
 

@@ -11,11 +11,20 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...editing.layout.timeline import Timeline, lay_out, rectangles, rows_text, scrolled, size_of
+from ...editing.layout.timeline import (
+    BACKGROUND,
+    NOW_PX,
+    Timeline,
+    lay_out,
+    rectangles,
+    rows_text,
+    scrolled,
+    size_of,
+)
 from ...editing.texts import shortened
 from ...registering import Drawing, add, take_away
 from ...translations import localized
-from ...viewport.overlay_layout import WANTED, overlay_layout
+from ...viewport.overlay_layout import WANTED, fill, overlay_layout
 from . import listing
 
 TEXT, FAINT_TEXT = (0.92, 0.92, 0.92, 1.0), (0.62, 0.62, 0.62, 1.0)
@@ -90,6 +99,8 @@ def draw() -> None:
     write(blf, localized(rows_text(timeline)), timeline.left + 6 * scale, timeline.rows_top + 5 * scale, FAINT_TEXT)
     label = f"{now_s:.2f} s"
     x = min(timeline.x_of(now_s) + 4 * scale, timeline.right - blf.dimensions(0, label)[0] - 4 * scale)
+    width = blf.dimensions(0, label)[0]
+    fill(x - 4 * scale, timeline.top, x + width + 4 * scale, timeline.top + NOW_PX * scale, BACKGROUND)
     write(blf, label, x, timeline.top + 4 * scale, TEXT)
 
 

@@ -60,13 +60,13 @@ class UNISIM_PT_show(DrivePanel, bpy.types.Panel):
         layout.prop(about, "show_sensors")
         layout.prop(about, "show_timeline")
         layout.operator("unisim.recorded_colours", icon="COLOR")
-        layout.label(text="LiDAR Points", icon="POINTCLOUD_DATA")
+        text = context.window_manager.unisim_points or interface("LiDAR Points")
+        layout.label(text=text, translate=False, icon="POINTCLOUD_DATA")
         row = layout.row(align=True)
         for name, recorded, simulated in POINTS:
             now = (about.show_recorded, about.show_simulated) == (recorded, simulated)
             shown = row.operator("unisim.show_points", text=name, depress=now)
             shown.recorded, shown.simulated, shown.drops = recorded, simulated, about.show_drops
-        layout.label(text=context.window_manager.unisim_points or "–", translate=False, icon="INFO")
         column = layout.column()
         column.enabled = about.show_recorded or about.show_simulated
         column.prop(about, "points_colour", text="Colour by")

@@ -315,7 +315,7 @@ class UNISIM_OT_compare_rollouts(Needing, bpy.types.Operator):
             row[1].label(text=rollout.driver or "–", translate=False)
             row[2].label(text=localized(rollout.end), translate=False)
             for cell, column, value, top in zip(row[3:], COLUMNS, rollout.values, best, strict=False):
-                text = "–" if value is None else column.form.format(value)
+                text = column.text(value)
                 cell.label(text=text, translate=False, icon="LAYER_ACTIVE" if text == top else "BLANK1")
             row[-1].operator("unisim.hide_rollout", text="", icon="X", emboss=False).name = name
         if hidden:
