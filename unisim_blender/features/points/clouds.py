@@ -125,10 +125,13 @@ def draw_legend() -> None:
 
 
 def shapes_of_legend(context: bpy.types.Context) -> tuple[GraphShapes, float, float] | None:
-    """Return the legend's shapes, and its width and height at a scale of 1; None where no points are shown."""
+    """Return the legend's shapes, and its width and height at a scale of 1; None where no points are shown, and in the
+    bird's-eye view, which is beside one that has it."""
     import blf
 
-    shown = shown_points(context.scene) if context.space_data.overlay.show_overlays else None
+    space = context.space_data
+    follows = space.lock_object is not None and space.lock_object.unisim.kind == "EGO"
+    shown = shown_points(context.scene) if space.overlay.show_overlays and not follows else None
     if shown is None:
         return None
     scale = context.preferences.system.ui_scale
