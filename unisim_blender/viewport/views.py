@@ -72,7 +72,9 @@ class ViewportImage:
     fresh: bool = False
     """Whether nothing was drawn yet of what was asked for last."""
     preliminary: bool = False
-    """Whether the image that is there is of preliminary surfels."""
+    """Whether the image that is there is of preliminary surfels, or a part of it."""
+    of_preliminary: bool = False
+    """Whether what comes is."""
     prepared: int = 0
     """Number of finished preparations when it was asked for."""
     log: str = ""
@@ -276,14 +278,15 @@ class ViewportImage:
             self.progress = ""
             self._wait_for_surfels(None)
             if event["event"] == "regions":
-                self.preliminary = event["preliminary"]
-                self.job = None if self.preliminary else self.request.number  # never a part of a finished image
+                self.of_preliminary = event["preliminary"]
+                self.preliminary |= self.of_preliminary
+                self.job = None if self.of_preliminary else self.request.number  # never a part of a finished image
                 self.unfinished = [tuple(region) for region in event["regions"]]
             elif event["event"] == "arrays":
                 self._put(event["prepared"])
             else:
                 self.problem = event.get("text", "")
-                self.request = None
+                self.request, self.preliminary = None, self.of_preliminary
                 if self.preliminary and not self.problem:
                     PREPARATION.follow(self.log, None)
                     PREPARATION.begin(self.worker)
