@@ -304,13 +304,13 @@ class ViewportImage:
 
     def draw(self, engine: bpy.types.RenderEngine, scene: bpy.types.Scene, region: bpy.types.Region) -> None:
         """Show the image, and the recorded one where that is wanted."""
+        self.comparison.stands_in = self.stands_in
         self.comparison.gather()
         gpu.state.blend_set("ALPHA_PREMULT")
         engine.bind_display_space_shader(scene)
         size = region.width, region.height
         finished = not self.pending and not self.problem and not self.preliminary
         stale = self.pending and self.fresh
-        self.comparison.stands_in = self.stands_in
         with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
             gpu.matrix.load_identity()
             gpu.matrix.load_projection_matrix(exact_pixels(*gpu.state.viewport_get()[2:]))
