@@ -32,9 +32,10 @@ PURE = (
     "plyfile==1.1.3",
     "fsspec==2026.9.0",
     "jsonpointer==3.12",
+    "pip==26.3",
 )
 """The newest jsonschema that needs nothing compiled. Wheels come before Blender's own modules of these names, so an old
-one would break what Blender does with it."""
+one would break what Blender does with it. pip installs optional packages: not every Blender's Python has one."""
 COMPILED = ("pillow==13.0.0", "OpenEXR==3.5.3")
 PYTHONS = ("311", "313", "314")
 """Blender's own Python up to 5.0 and since, and the newest of distributions that build Blender with theirs."""

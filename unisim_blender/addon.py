@@ -63,7 +63,7 @@ _commands: list[object] = []
 def register() -> None:
     """Add everything to Blender."""
     if bpy.app.binary_path:  # Blender's module lives in somebody else's Python
-        install_into(str(MODULES))
+        install_into(str(MODULES), not bpy.app.background)
     for room in ROOMS:
         open_room(room)
     _commands.append(bpy.utils.register_cli_command("unisim", headless.command))

@@ -4,6 +4,7 @@ interpreter has the extension's wheels, where they are for its version of Python
 python bootstrap.py WHEELS probe              says in JSON what the interpreter has
 python bootstrap.py WHEELS serve FOLDER       the worker: requests on stdin, events on stdout, pixels in files in FOLDER
 python bootstrap.py WHEELS actors LOG         makes thumbnails of a log's actors, and writes a line of JSON for each
+python bootstrap.py WHEELS pip ARGUMENTS      pip, which the extension brings
 python bootstrap.py WHEELS cli ARGUMENTS      the command line `unisim`
 
 WHEELS is Blender's folder of unpacked wheels, `.../pythonX.Y/site-packages`, or empty. Other folders of packages for the same
@@ -13,6 +14,7 @@ Python may follow, separated as in the variable PATH.
 import importlib.util
 import json
 import os
+import runpy
 import signal
 import sys
 from importlib.machinery import ModuleSpec, PathFinder
@@ -57,9 +59,12 @@ def main() -> None:
     if BUNDLED.is_dir():
         sys.path.insert(0, str(BUNDLED))  # where `importlib.metadata` looks for entry points
     load(here)
+    from unisim_blender.core.errors import install_into
     from unisim_blender.core.processes import wait_briefly
 
     wait_briefly()
+    if wheels in sys.path and others:
+        install_into(others[0], has_window=True)
     if what == "probe":
         from unisim_blender.core.worker.about import about
 
@@ -77,6 +82,15 @@ def main() -> None:
         from unisim_blender.core.formats.readers import open_log
 
         tell(open_log(Path(arguments[0])))
+    elif what == "pip":
+        if wheels in sys.path:
+            sys.path.insert(0, wheels)  # before an older one of the interpreter's own
+        import pip
+
+        if tuple(map(int, pip.__version__.split(".")[:2])) < (24, 1):
+            arguments = ["off" if argument == "raw" else argument for argument in arguments]
+        sys.argv[1:] = arguments
+        runpy.run_module("pip", run_name="__main__", alter_sys=True)
     else:
         sys.argv[1:] = arguments
         # Cancel interrupts; a Blender that a shell has started in the background leaves interrupts ignored.

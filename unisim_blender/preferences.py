@@ -1,4 +1,6 @@
-"""The add-on's preferences: which interpreter renders, and on what."""
+"""The add-on's preferences: which interpreter renders, and on what; default folders."""
+
+from collections.abc import Callable
 
 import bpy
 from bpy.props import EnumProperty, StringProperty
@@ -13,8 +15,12 @@ DEVICES = (
 )
 
 
+SECTIONS: list[Callable[[bpy.types.UILayout, bpy.types.Context], None]] = []
+"""What draws the further sections."""
+
+
 class UniSimPreferences(bpy.types.AddonPreferences):
-    """Preferences of the add-on: the interpreter that renders, and its device."""
+    """Preferences of the add-on."""
 
     bl_idname = __package__
 
@@ -25,14 +31,28 @@ class UniSimPreferences(bpy.types.AddonPreferences):
     )
     device: EnumProperty(name="Device", description="Device that the renderer uses", items=DEVICES, default="auto")
 
+    logs_folder: StringProperty(
+        name="Logs", description="Folder in which file browsers for logs and scenarios start", subtype="DIR_PATH"
+    )
+    output_folder: StringProperty(
+        name="Output",
+        description="Folder below which the output folder of a newly imported drive lies; //render beside the .blend if empty",
+        subtype="DIR_PATH",
+    )
+
     def draw(self, context: bpy.types.Context) -> None:
-        """The choice, a test of it, and what came of that."""
+        """Draw the interpreter, a test of it and what came of that, default folders, and the further sections."""
         hint = {"placeholder": interface("Blender's own")} if bpy.app.version >= (4, 3, 0) else {}
         self.layout.prop(self, "interpreter", **hint)
         self.layout.prop(self, "device")
         self.layout.operator("unisim.test_renderer")
         for line in context.window_manager.unisim_renderer.splitlines():
             self.layout.label(text=line)
+        self.layout.label(text="Default Folders")
+        self.layout.prop(self, "logs_folder")
+        self.layout.prop(self, "output_folder")
+        for draw in SECTIONS:
+            draw(self.layout.column(), context)
 
 
 def _preferences() -> UniSimPreferences | None:
@@ -50,6 +70,12 @@ def device() -> str:
     """The device that the user chose."""
     preferences = _preferences()
     return "auto" if preferences is None else preferences.device
+
+
+def default_folder(name: str) -> str:
+    """The default folder that the user chose for "logs" or "output", or ""."""
+    folder = getattr(_preferences(), f"{name}_folder", "")
+    return bpy.path.abspath(folder) if folder else ""
 
 
 CLASSES = (UniSimPreferences,)

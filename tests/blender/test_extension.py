@@ -66,7 +66,7 @@ def test_it_is_small_and_whole(archive: Path) -> None:
     """Our licence and those of all wheels, one platform, no torch; Blender keeps one wheel of a name."""
     content = zipfile.ZipFile(archive)
     names = content.namelist()
-    assert archive.stat().st_size < 20 << 20
+    assert archive.stat().st_size < 21 << 20
     assert {"LICENSE", "core/rigs/KITTI-like.json"} < set(names)
     for plug_in in ("unisim_bench", "unisim_street"):
         sources = {path.relative_to(ROOT) for path in (ROOT / plug_in).rglob("*.py")}

@@ -71,3 +71,14 @@ def test_a_camera_that_looks_where_none_did_is_found(street: Any) -> None:
         found.text for found in warnings_of(sample_all(street, Clock.of(drive)), drive) if found.name == camera.name
     ]
     assert any("beside all that was recorded" in text for text in found)
+
+
+def test_check_names_an_actor_that_cannot_be_read(street: Any) -> None:
+    """The rest is checked all the same."""
+    car = next(imported_objects(street, "ACTOR"))
+    car.scale = (-1.0, 1.0, 1.0)
+    with pytest.raises(ScenarioError):
+        read(street)
+    assert bpy.ops.unisim.check() == {"FINISHED"}
+    (warning,) = [item for item in street.unisim_check.warnings if item.name == car.name]
+    assert "views leave it out, and nothing can be exported or rendered" in warning.text

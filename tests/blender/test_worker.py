@@ -189,9 +189,11 @@ def test_a_gpu_without_torch_is_a_sentence(bare: Path, tmp_path: Path, monkeypat
     client = Client(str(bare))
     try:
         assert last(client.ask("lidar", **request, device="auto"))["event"] == "done"
-        text = str(last(client.ask("lidar", **request, device="cuda"))["text"])
+        event = last(client.ask("lidar", **request, device="cuda"))
     finally:
         client.close()
+    text = str(event["text"])
+    assert event["remedy"] == "interpreter"
     assert text.startswith("this needs torch") and str(bare) in text
 
 

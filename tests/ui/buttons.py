@@ -318,7 +318,7 @@ HEADERS = {
     "Ego": ("unisim.replace_appearance", 197),
     "Show": ("unisim.import_scene", 33),
     "Simulate": ("unisim_simulation.seed", -120),
-    "Batch": ("unisim.export_scenario()", 85),
+    "Batch": ("unisim.export_scenario()", 112),
 }
 """Where the header of each panel is: a button near it and how far below that, in pixels, while the panels between are
 closed."""

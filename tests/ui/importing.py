@@ -84,6 +84,8 @@ def by_drop(path: Path, name: str) -> Iterator[float]:
 def first_steps() -> Iterator[float]:
     """The buttons of the first steps, ticked one after the other; then they are gone."""
     panel, scene = bpy.types.UNISIM_PT_first_steps, bpy.context.scene
+    tabs = next(r for r in area("VIEW_3D").regions if r.type == "UI")
+    assert tabs.active_panel_category == "UniSim" and max(camera_frame()) > 0.9
     yield from press("view3d.toggle_shading(")
     yield from until(lambda: view()[1].shading.type == "RENDERED", "the first step does not change the shading", 10)
     yield from until(lambda: scene.unisim.done_steps == "VIEW", f"done: {scene.unisim.done_steps}", 10)

@@ -13,8 +13,9 @@ from typing import Any
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from hands import edits, key, middle, object_named, scenario, to
-from session import OUT, area, inside, results, screenshot, start, until, view
+from hands import edits, event, key, middle, object_named, place, scenario, to
+from mathutils import Vector
+from session import MODULE, OUT, area, from_behind, inside, results, screenshot, start, until, view
 from tasks import arrived, begin, install, task
 
 LOG = OUT.parent / "log"
@@ -161,6 +162,47 @@ def selected_ones() -> Iterator[float]:
             yield from key("ESC")
 
 
+def dragged() -> Iterator[float]:
+    """The handle of a lane change, dragged sideways in the view from behind, and Esc."""
+    car, before = driving(), len(edits())
+    yield from chosen(car)
+    with inside(area("VIEW_3D")):
+        bpy.ops.unisim.maneuver(kind="LANE_CHANGE")
+    yield from until(lambda: len(edits()) > before, "no lane change", 20)
+    looks = view()[2]
+    from_behind(looks)
+    looks.view_location = object_named(car).matrix_world.translation
+    looks.update()
+    yield 1.0
+    module = sys.modules[f"{MODULE}.features.motion.maneuvers"]
+    clock = sys.modules[f"{MODULE}.editing.sampled.clock"].Clock.of
+    source = sys.modules[f"{MODULE}.bridge.objects.imported"].source_of
+    places = dict(module.maneuver_handles(object_named(car), clock(source(bpy.context.scene).drive)))
+    x, y = place(Vector(places["left_m"]))
+    screenshot("handles")
+    for ended in ("ESC", "LEFTMOUSE"):
+        first = next(edit["left_m"] for edit in named_edits() if edit["type"] == "lane_change")
+        yield from to(x + 2, y + 1)
+        yield 0.3
+        yield from to(x, y)
+        yield 0.5
+        event("LEFTMOUSE", "PRESS")
+        yield 0.2
+        for step in range(1, 6):
+            yield from to(x + 12 * step, y)
+            yield 0.3
+        screenshot(f"handle_dragging_{ended}")
+        if ended == "ESC":
+            yield from key("ESC")
+        event("LEFTMOUSE", "RELEASE")
+        yield 0.8
+        now = [edit["left_m"] for edit in named_edits() if edit["type"] == "lane_change"]
+        results[f"dragged_{ended}"] = [first, *now]
+        assert len(now) == 1, "the lane change is none any more"
+        assert (now[0] == first) == (ended == "ESC"), f"{first} m became {now[0]} m"
+    screenshot("handle_dragged")
+
+
 def context_menu() -> Iterator[float]:
     """The right mouse button."""
     yield from to(*middle(area("VIEW_3D")))
@@ -178,6 +220,7 @@ def steps() -> Iterator[float]:
         ("cut_in_task", cut_in),
         ("crossing_task", crossing),
         ("selected_task", selected_ones),
+        ("dragged_task", dragged),
         ("context_task", context_menu),
     ):
         yield from task(name, todo)

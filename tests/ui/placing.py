@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,13 +16,18 @@ sys.path.insert(0, str(Path(__file__).parent))
 import hands
 from hands import click, edits, import_dropped, key, look_at, middle, object_named, to
 from motion import driving, module
-from session import area, from_behind, results, screenshot, start, until, view
-from tasks import install, task
+from session import OUT, area, from_behind, inside, results, screenshot, start, until, view
+from tasks import arrived, install, task
 
 
 def imported() -> Iterator[float]:
-    """The scene, seen from behind and above, with its speed graph."""
-    yield from import_dropped()
+    """The scene, or the log that `UNISIM_UI_LOG` names, seen from behind and above, with its speed graph."""
+    if os.environ.get("UNISIM_UI_LOG"):
+        with inside(area("VIEW_3D")):
+            bpy.ops.unisim.import_log("INVOKE_DEFAULT", filepath=str(OUT.parent / "log"))
+        yield from arrived()
+    else:
+        yield from import_dropped()
     from_behind(view()[2])
     bpy.context.scene.unisim_motion.show_graph = True
     bpy.context.scene.frame_set(8)
@@ -186,13 +192,14 @@ def parked() -> Iterator[float]:
     yield from key("Z", ctrl=True)
     yield from until(lambda: not edits(), "one Ctrl-Z does not undo the row", 5)
     yield from picked(car)
-    with bpy.context.temp_override(area=view()[0], region=view()[0].regions[-1]):
-        bpy.ops.unisim.swap_class("INVOKE_DEFAULT", True, group="TRUCK")
-    yield 0.5
-    screenshot("swapped")
-    results["swap_warned"] = checked()
-    yield from key("Z", ctrl=True)
-    yield from until(lambda: not edits(), "one Ctrl-Z does not undo the class", 5)
+    for group in ("TRUCK", "PERSON") if os.environ.get("UNISIM_UI_LOG") else ("TRUCK",):
+        with bpy.context.temp_override(area=view()[0], region=view()[0].regions[-1]):
+            bpy.ops.unisim.swap_class("INVOKE_DEFAULT", True, group=group)
+        yield 0.5
+        screenshot(f"swapped_{group}")
+        results[f"swap_warned_{group}"] = checked()
+        yield from key("Z", ctrl=True)
+        yield from until(lambda: not edits(), "one Ctrl-Z does not undo the class", 5)
 
 
 def steps() -> Iterator[float]:

@@ -75,6 +75,12 @@ def legend() -> tuple[str, ...]:
     return tuple(str(line) for line in shown_now.legend.lines) if shown_now is not None else ()
 
 
+def frames() -> set[float]:
+    """The frames of the points that are shown."""
+    shown_now = sys.modules[f"{MODULE}.features.points.clouds"].shown_points(bpy.context.scene)
+    return {sweep.frame for sweep in shown_now.sweeps if len(sweep.points)}
+
+
 def compared_points() -> Iterator[float]:
     """Both sweeps with dropped beams: the legend compares them, for each colour and from behind."""
     scene = bpy.context.scene
@@ -121,7 +127,10 @@ def seen_from_above() -> Iterator[float]:
         ((_, space, ego),) = views()
         up = space.region_3d.view_rotation.to_matrix().col[1]
         assert up.xy.normalized().dot(ego.matrix_world.to_3x3().col[0].xy.normalized()) > 0.9999
-    yield from until(lambda: any("drops agree" in line for line in legend()), "the sweeps are not compared", 120)
+    yield from until(
+        lambda: frames() == {bpy.context.scene.frame_current}, "the points stay those of a frame before", 200
+    )
+    yield 1.0
     screenshot("points_above_later")
     with inside(area("VIEW_3D")):
         bpy.ops.unisim.birds_eye()

@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from buttons import open_panel, press
+from buttons import found_at, open_panel, place_of, press
 from edit_panel import module
 from hands import click, key, middle, mouse, sidebar, to
 from heart import heart
@@ -79,8 +79,16 @@ def compared() -> Iterator[float]:
     yield from click()
     yield 2.0
     screenshot("rollouts_compared_sorted")
+    yield from to(x - 690, y - 61)  # the name of the second row
+    yield 1.0
+    yield from click()
+    yield from until(
+        lambda: bpy.context.scene.unisim_simulation.rollout.endswith("Scene idm 1"),
+        "a click on a rollout does not open it",
+        120,
+    )
     yield from key("ESC")
-    yield 0.5
+    yield 1.0
 
 
 def filmed() -> Iterator[float]:
@@ -96,6 +104,11 @@ def filmed() -> Iterator[float]:
     scene.frame_start, scene.frame_end = 0, 5
     bpy.context.window_manager.unisim_panels = "RENDER"
     yield 0.5
+    yield from place_of("unisim.export_scenario()")
+    yield from to(found_at[0][0] - 40, found_at[0][1] - 58)  # the header of Formats
+    yield from click()
+    yield 2.0
+    screenshot("formats")
     yield from press("unisim.render_sequence()")
     yield from at_work()
     yield from press("unisim.make_film", columns=(0.3,))

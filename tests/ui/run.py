@@ -58,6 +58,7 @@ SESSIONS = {
     "rigs": ["--enable-event-simulate"],
     "compare": ["--enable-event-simulate"],
     "layouts": ["--enable-event-simulate"],
+    "errors": ["--enable-event-simulate"],
     "importing": ["--enable-event-simulate"],
     "first_image": ["--enable-event-simulate"],
 }
@@ -105,8 +106,8 @@ def main(
     place_scene(root, inner)
     if "sequences" in chosen:
         shutil.copytree(synthetic("small", "3", "96", "54"), work / "small")
-    if {"importing", "maneuvers"} & set(chosen):
-        own = os.environ.get("UNISIM_UI_LOG")
+    own = os.environ.get("UNISIM_UI_LOG")
+    if own or {"importing", "maneuvers"} & set(chosen):
         recorded = own or (street() if "importing" in chosen else synthetic("long", "80", "96", "54"))
         shutil.copytree(recorded, work / "log")
     if "layouts" in chosen:

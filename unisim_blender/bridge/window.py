@@ -8,9 +8,10 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+import blf
 import bpy
 
-from ..editing.texts import Text, counted
+from ..editing.texts import Text, counted, wrapped
 from ..translations import localized, tooltip
 from .objects.imported import imported_objects
 from .objects.trajectories import trajectory_of
@@ -87,6 +88,12 @@ def redraw_status_bar() -> None:
     file was opened.
     """
     bpy.msgbus.publish_rna(key=(bpy.types.ViewLayer, "name"))
+
+
+def label_rows(text: str, width: float) -> list[str]:
+    """Return a text in rows of labels no wider than ``width``, in pixels of an ordinary display."""
+    blf.size(0, bpy.context.preferences.ui_styles[0].widget.points)
+    return wrapped(text, width, width, lambda part: float(blf.dimensions(0, part)[0]))
 
 
 def refresh(changed: Iterable[bpy.types.Object]) -> None:

@@ -7,7 +7,14 @@ import sys
 
 class UnisimError(Exception):
     """Bad input or a failed resource. The message is one clear sentence; the command line prints it
-    and exits with 1."""
+    and exits with 1. ``remedy`` is what mends it, for a window that offers that as a button: the name by which pip knows an
+    optional package, "interpreter" or "log"; "" where nothing does."""
+
+    remedy = ""
+
+    def __init__(self, *parts: object, remedy: str = "") -> None:
+        super().__init__(*parts)
+        self.remedy = remedy or self.remedy
 
 
 class LogError(UnisimError):
@@ -66,15 +73,31 @@ OPTIONAL = {
 in no index: the folder of its sources."""
 
 
-DISTRIBUTIONS = {**dict.fromkeys(NCORE_MODULES, "nvidia-ncore"), "skimage": "scikit-image"}
+DISTRIBUTIONS = {
+    **dict.fromkeys(NCORE_MODULES, "nvidia-ncore"),
+    "imageio_ffmpeg": "imageio-ffmpeg",
+    "skimage": "scikit-image",
+}
 """Names by which pip knows packages whose modules have other names."""
-_blenders_folder = ""
+IN_BLENDER = ("pyarrow", "nvidia-ncore", "small_gicp", "imageio-ffmpeg")
+"""Packages, as pip knows them, that Blender's preferences install."""
+_blenders_folder, _has_window = "", False
 
 
-def install_into(folder: str) -> None:
-    """Have `what_is_missing` say how a package is put into a folder that Blender's Python looks into; "" as outside Blender."""
-    global _blenders_folder
-    _blenders_folder = folder
+def install_into(folder: str, has_window: bool = False) -> None:
+    """Have `what_is_missing` say how Blender gets a package: in its preferences where it ``has_window``, else by pip into a
+    folder that Blender's Python looks into; "" as outside Blender."""
+    global _blenders_folder, _has_window
+    _blenders_folder, _has_window = folder, has_window
+
+
+def remedy_of(error: ImportError) -> str:
+    """Return the `UnisimError.remedy` of a package that is not installed."""
+    name = (error.name or "").partition(".")[0]
+    if not _has_window or not isinstance(error, ModuleNotFoundError):
+        return ""
+    package = DISTRIBUTIONS.get(name, name)
+    return "interpreter" if OPTIONAL.get(name) == EXTRA else package if package in IN_BLENDER else ""
 
 
 def what_is_missing(error: ImportError) -> str:
@@ -84,9 +107,12 @@ def what_is_missing(error: ImportError) -> str:
         return ""
     if not isinstance(error, ModuleNotFoundError):
         return f"this needs {name}, which {sys.executable} cannot import; is it another Python's? ({in_a_line(error)})"
-    if _blenders_folder:
+    if _blenders_folder and OPTIONAL[name] != EXTRA:
+        lacking = f"this needs {name}, which Blender's Python does not have: "
+        if _has_window and DISTRIBUTIONS.get(name, name) in IN_BLENDER:
+            return f"{lacking}install it in Preferences > Add-ons > UniSim"
         command = f"'{sys.executable}' -m pip install --target '{_blenders_folder}' {DISTRIBUTIONS.get(name, name)}"
-        return f"this needs {name}, which Blender's Python does not have: run {command} and start Blender again"
+        return f"{lacking}run {command} and start Blender again"
     what = OPTIONAL[name]
     where = " in the folder of unisim_blender's sources" if what.startswith(".") else ""
     return f"this needs {name}, which {sys.executable} does not have: pip install '{what}'{where}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Generator
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -15,10 +16,14 @@ from ..bridge.objects.imported import source_of
 from ..bridge.sampling.edit_state import edit_state
 from ..bridge.sampling.stepping import sample_all
 from ..bridge.window import choose, drive, redraw
-from ..editing.motion.plausibility import place_of, shadow_note, warnings_of
+from ..core.world.drive import Drive
+from ..editing.motion.kinematics import Limits
+from ..editing.motion.plausibility import Finding, place_of, shadow_note, warnings_of
 from ..editing.motion.retiming import instant_of
+from ..editing.reading.scenario import unreadable_actors
 from ..editing.sampled.clock import Clock
-from ..editing.texts import UPPER, cased, packed, unpacked, wrapped
+from ..editing.sampled.scene import Sampled
+from ..editing.texts import UPPER, Text, cased, packed, unpacked, wrapped
 from ..registering import add, take_away
 from ..translations import interface, localized, message
 from .drive.export_operators import sampled_in_steps
@@ -66,6 +71,18 @@ def compare_all(*_: object) -> None:
     compare_soon()
 
 
+def findings_of(sampled: Sampled, drive: Drive, limits: Limits, is_trained: bool) -> list[Finding]:
+    """Return what is not plausible, and before that which actors cannot be read."""
+    first = int(sampled.clock.frames[0])
+    unreadable = unreadable_actors(sampled, drive)
+    lacking = [
+        Finding(name, first, Text("{fault}; views leave it out, and nothing can be exported or rendered", fault=why))
+        for name, why in unreadable.items()
+    ]
+    readable = replace(sampled, objects=tuple(obj for obj in sampled.objects if obj.name not in unreadable))
+    return [*lacking, *warnings_of(readable, drive, limits, is_trained)]
+
+
 class UNISIM_OT_check(Needing, AtOnce, bpy.types.Operator):
     """List implausible edits: overlaps, sideways or too fast cars, actors off the ground, far or unseen camera views"""
 
@@ -86,10 +103,10 @@ class UNISIM_OT_check(Needing, AtOnce, bpy.types.Operator):
         clock, limits = Clock.of(drive), limits_of(scene)
         if self.timer is None:
             sampled = sample_all(scene, clock)
-            warnings = list(warnings_of(sampled, drive, limits, is_trained))
+            warnings = findings_of(sampled, drive, limits, is_trained)
         else:
             sampled = yield from sampled_in_steps(scene, clock)
-            warnings = yield from in_thread(lambda: list(warnings_of(sampled, drive, limits, is_trained)))
+            warnings = yield from in_thread(lambda: findings_of(sampled, drive, limits, is_trained))
         note = shadow_note(sampled, drive, is_trained)
         check.shadows.text, check.shadows.text_parts = note, packed(note)
         check.warnings.clear()

@@ -15,6 +15,7 @@ from ..bridge.window import Need, allowed
 from ..core.errors import UnisimError
 from ..editing.texts import Text
 from ..process.background import running, what_runs
+from .problems import fail
 
 BUSY_S = 0.05
 """Time for which an operator works before the window is drawn, in seconds."""
@@ -31,8 +32,7 @@ def reporting(execute: Callable[[Any, bpy.types.Context], set[str]]) -> Callable
         try:
             return execute(self, context)
         except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+            return fail(self, fault)
 
     return reported
 
@@ -118,8 +118,7 @@ class InSteps:
             self.stopped(context, True)
             if not isinstance(fault, UnisimError | OSError):
                 raise
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+            return fail(self, fault)
         self.ended(context)
         self.finished(context)
         return {"FINISHED"}

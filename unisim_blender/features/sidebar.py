@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Callable
 from typing import Any
 
@@ -12,6 +11,7 @@ from bpy.props import BoolProperty, EnumProperty
 from ..process.background import is_own, newest, what_runs
 from ..process.tasks import Task
 from ..translations import interface, localized
+from .problems import draw_problem, problem_button
 
 TASKS = (
     ("VIEW", "View", "What was recorded, and what of it the views show"),
@@ -19,9 +19,6 @@ TASKS = (
     ("SIMULATE", "Simulate", "A driver in the closed loop, its rollouts and scores"),
     ("RENDER", "Render", "Sequences of images and sweeps, variants, batches, and training"),
 )
-
-PROBLEM_WIDTH = 40
-"""Of a line of the panel at its first width, in letters."""
 
 
 class Sidebar:
@@ -120,9 +117,8 @@ def draw_task(layout: Any, scene: bpy.types.Scene, *kinds: type[Task]) -> None:
     cross.enabled = task is not None and task.running
     cross.operator("unisim.cancel_task", text="", icon="CANCEL")
     if task is not None and own and task.problem:  # longer than a bar
-        lines = layout.column(align=True)
-        for line in textwrap.wrap(task.problem, PROBLEM_WIDTH):
-            lines.label(text=line, translate=False)
+        draw_problem(layout, task.problem)
+        problem_button(layout, interface(task.title), task.problem, task.remedy, interface("Show Problem"))
 
 
 CLASSES = (UNISIM_PT_tasks,)

@@ -1,6 +1,7 @@
 """Operators, in the order in which they are registered, and where people find them beside the sidebar: menus, shortcuts,
 the pie, the manual. Features of one file are registered where their panels are."""
 
+from ..features import problems, settings
 from ..features.actor_list import operators as actor_list
 from ..features.actors import appearances, assets
 from ..features.actors import operators as actors
@@ -17,7 +18,7 @@ from ..features.sensors import operators as sensors
 from ..features.sensors import rig_presets
 from ..features.simulation import operators as simulation
 from ..features.variants import operators as variants
-from ..process import background, interpreters, preparation
+from ..process import background, interpreters, packages, preparation
 
 MODULES = (
     motion_properties,
@@ -42,5 +43,8 @@ MODULES = (
     batch,
     variants,
     interpreters,
+    packages,
+    problems,
+    settings,
     assets,
 )

@@ -11,6 +11,7 @@ from bpy.app.handlers import persistent
 
 from ..bridge.importing.drive import fit_resolution
 from ..editing.texts import translatable
+from ..preferences import SECTIONS
 from ..registering import add, take_away
 
 SHORTCUTS = (
@@ -152,7 +153,25 @@ def draw_render_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
         self.layout.separator()
         self.layout.operator("unisim.render_sequence", text="Render Sequence of Sensors", icon="RENDER_ANIMATION")
         self.layout.operator("unisim.cancel_task", text="Cancel Background Task")
+        self.layout.operator("unisim.locate_log")
+        self.layout.operator("unisim.show_preferences")
         self.layout.menu("UNISIM_MT_render")
+
+
+def draw_shortcuts(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw the shortcuts as the user has them, to be changed here."""
+    import rna_keymap_ui  # which Blender's module for Python may lack
+
+    layout.label(text="Shortcuts")
+    configuration = context.window_manager.keyconfigs.user
+    for keys, own in _keys:
+        keymap = configuration.keymaps.get(keys.name)
+        for item in keymap.keymap_items if keymap is not None else ():
+            if item.idname == own.idname and getattr(item.properties, "name", "") == getattr(
+                own.properties, "name", ""
+            ):
+                layout.context_pointer_set("keymap", keymap)
+                rna_keymap_ui.draw_kmi([], configuration, keymap, item, layout, 0)
 
 
 @persistent
@@ -330,12 +349,15 @@ def register() -> None:
         item = keys.keymap_items.new("wm.call_menu_pie", PIE_KEY[0], "PRESS", **PIE_KEY[1])
         item.properties.name = UNISIM_MT_pie.__name__
         _keys.append((keys, item))
+    SECTIONS.append(draw_shortcuts)
     note_cameras()
 
 
 def unregister() -> None:
     """Take them away."""
     _active.clear()
+    if draw_shortcuts in SECTIONS:
+        SECTIONS.remove(draw_shortcuts)
     while _keys:
         keys, item = _keys.pop()
         keys.keymap_items.remove(item)

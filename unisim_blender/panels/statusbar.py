@@ -4,7 +4,9 @@ from pathlib import Path
 
 import bpy
 
-from ..process.background import running
+from ..features.problems import problem_button
+from ..process.background import newest, running
+from ..process.packages import PackageTask
 from ..process.preparation import PREPARATION
 from ..translations import interface, localized, message
 
@@ -15,6 +17,11 @@ WIDTH = 24.0
 def draw_progress(self: bpy.types.Header, context: bpy.types.Context) -> None:
     """Draw what runs in the background, for which file, how far it is, and how far images are prepared, each with its
     Cancel button."""
+    last = max(newest.values(), key=lambda task: task.started_s, default=None)
+    if last is not None and last.problem:
+        problem_button(self.layout, interface(last.title), last.problem, last.remedy, interface("A task failed"))
+    elif isinstance(last, PackageTask) and not last.running:
+        self.layout.label(text=last.line, translate=False)
     if PREPARATION.active or PREPARATION.stopped or PREPARATION.problem:
         row = self.layout.row(align=True)
         row.ui_units_x = WIDTH

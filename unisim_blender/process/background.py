@@ -49,6 +49,7 @@ def watch() -> float | None:
         traceback.print_exc()
     if ended:
         running.clear()
+        task.finish()
     if news and not bpy.app.background:
         redraw_status_bar()
     return None if ended else POLL_S

@@ -103,12 +103,12 @@ class Client:
     # ---- the thread of one worker's life
 
     def _run(self, outgoing: queue.SimpleQueue[WorkerMessage | None]) -> None:
-        reason = "the renderer could not be started"
+        reason, remedy = "the renderer could not be started", ""
         try:
             if self.python is None:
                 self.python, failed = interpreters.find(self.chosen)
                 if self.python is None:
-                    reason = interpreters.how_to_mend(failed)
+                    reason, remedy = interpreters.how_to_mend(failed), "interpreter"
                     return
             self._last_words.clear()
             self.process = process = subprocess.Popen(
@@ -141,7 +141,7 @@ class Client:
                 self._running, self.problem = False, "" if self._closed else reason
                 left = list(self._requests.values())
             for request in left:
-                self._end(request, {"event": "error", "text": reason})
+                self._end(request, {"event": "error", "text": reason, "remedy": remedy})
 
     def _write(self, process: subprocess.Popen[bytes], outgoing: queue.SimpleQueue[WorkerMessage | None]) -> None:
         assert process.stdin is not None

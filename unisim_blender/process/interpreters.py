@@ -20,13 +20,26 @@ from ..bridge.window import redraw
 from ..preferences import interpreter
 from ..translations import message
 
+PYTHON = f"python{sys.version_info.major}.{sys.version_info.minor}"
+
+
+def _packages_folder() -> Path:
+    name = __package__.rpartition(".")[0]
+    try:
+        own = bpy.utils.extension_path_user(name)
+    except ValueError:  # it runs from its sources
+        own = bpy.utils.user_resource("SCRIPTS", path="unisim_blender")
+    return Path(own, "packages", PYTHON)
+
+
 PACKAGE = Path(__file__).resolve().parents[1]
 BOOTSTRAP = PACKAGE / "bootstrap.py"
-PYTHON = f"python{sys.version_info.major}.{sys.version_info.minor}"
 WHEELS = Path(bpy.utils.user_resource("EXTENSIONS"), ".local", "lib", PYTHON, "site-packages")
 """The folder into which Blender unpacks the wheels of its extensions."""
 MODULES = Path(bpy.utils.user_resource("SCRIPTS"), "addons", "modules")
 """The folder of a user's own packages, searched after Blender's: what some layouts of logs need is installed there."""
+PACKAGES = _packages_folder()
+"""The extension's own folder of optional packages for this Python, a folder each."""
 PROBE_TIMEOUT_S = 120
 """A cold import of torch from a slow disk takes half a minute."""
 HOW_TO_MEND = (
@@ -49,7 +62,18 @@ class Probe:
 
 def command(interpreter: str, *arguments: str) -> list[str]:
     """The command line that runs the bootstrap, apart from the user's own packages and variables."""
-    return [interpreter, "-I", str(BOOTSTRAP), os.pathsep.join((str(WHEELS), str(MODULES))), *arguments]
+    return [
+        interpreter,
+        "-I",
+        str(BOOTSTRAP),
+        os.pathsep.join(map(str, (WHEELS, MODULES, *package_folders()))),
+        *arguments,
+    ]
+
+
+def package_folders() -> list[Path]:
+    """Return the folders of the optional packages that are installed in `PACKAGES`."""
+    return sorted(PACKAGES.glob("[!.]*"))
 
 
 def candidates(chosen: str = "") -> Iterator[str]:

@@ -25,6 +25,8 @@ from ..editing.texts import translatable
 from ..translations import message
 from . import interpreters
 
+REMEDY = "Remedy: "
+"""Begin of the line in which the command line says what mends its error."""
 STOP_TIMEOUT_S = 20.0
 """Time limit for a process that was asked to end, after which it is killed."""
 
@@ -88,9 +90,17 @@ class Task:
         """Why it failed; "" where it did not."""
         if self.running or self.code == 0 or self.cancelled:
             return ""
-        lines = [line for line in self.words if line.strip()]
+        lines = [line for line in self.words if line.strip() and not line.startswith(REMEDY)]
         own = [line.removeprefix("Error: ") for line in lines if line.startswith("Error: ")]
         return (own or lines or [message("exit status {code}", code=self.code)])[-1]
+
+    @property
+    def remedy(self) -> str:
+        """What mends the problem, as `UnisimError` names it; "" where nothing does."""
+        return next((line.removeprefix(REMEDY) for line in self.words if line.startswith(REMEDY)), "")
+
+    def finish(self) -> None:
+        """Called in Blender's main thread once it has ended."""
 
     def text(self) -> str:
         """One line for a status bar."""
@@ -137,13 +147,20 @@ class Task:
         self.code = self._call(self.arguments)
 
     def _call(self, arguments: list[str]) -> int:
-        """Run one command to its end. Return its exit code."""
+        """Run one command of `unisim` to its end. Return its exit code."""
         try:
             python, failed = interpreters.find(self.chosen, self.trains)
             if python is None:
-                self.words.append(interpreters.how_to_mend(failed, self.trains))
+                self.words += (interpreters.how_to_mend(failed, self.trains), f"{REMEDY}interpreter")
                 return 1
-            command = interpreters.command(python.path, "cli", *arguments)
+        except OSError as fault:
+            self.words.append(str(fault))
+            return 1
+        return self._execute(interpreters.command(python.path, "cli", *arguments))
+
+    def _execute(self, command: list[str]) -> int:
+        """Run a command line to its end. Return its exit code."""
+        try:
             out = subprocess.PIPE if self.hears else subprocess.DEVNULL
             self.process = process = subprocess.Popen(command, stdout=out, stderr=subprocess.PIPE)
             if self.cancelled:

@@ -213,6 +213,12 @@ def draw_modes(self: bpy.types.Header, context: bpy.types.Context) -> None:
         row.enabled = is_rendered(context)
         row.prop(context.scene.unisim, "quality", text="")
         row.prop(context.window_manager.unisim_view, "mode", text="")
+        view = drawn_view(next(region for region in context.area.regions if region.type == "WINDOW"))
+        row = self.layout.row()
+        row.enabled = view is not None and bool(view.problem) and is_rendered(context)
+        button = row.operator("unisim.show_problem", text="", icon="ERROR")
+        if row.enabled:
+            button.title, button.text, button.remedy = "UniSim", view.problem, view.remedy
 
 
 def draw_options(layout: Any, context: bpy.types.Context) -> None:

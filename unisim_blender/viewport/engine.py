@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 import sys
+import textwrap
 import time
 from contextlib import suppress
 from typing import Any
@@ -32,6 +33,8 @@ MIN_PAUSE_S, PAUSE_FACTOR = 0.1, 3.0
 """Shortest pause between two drawings of an image that arrives in parts, seconds, and as a multiple of the time that
 the last drawing took: where OpenGL is software, drawing takes its time from the worker. The first and the last of an
 image are drawn at once."""
+REPORT_LETTERS = 90
+"""Of a line of an error of F12."""
 PASSES = {
     "Depth": ("use_pass_z", 1, "Z", "VALUE", "depth"),
     "Normal": ("use_pass_normal", 3, "XYZ", "VECTOR", "normal"),
@@ -196,8 +199,9 @@ class UniSimEngine(bpy.types.RenderEngine):
 
     def _fail(self, sentence: str) -> None:
         """Say why there is no image, to the window and to scripts."""
+        lines = [sentence] if bpy.app.background else textwrap.wrap(sentence, REPORT_LETTERS)
         self.error_set(sentence)
-        self.report({"ERROR"}, sentence)
+        self.report({"ERROR"}, "\n".join(lines))  # the window shows it as a menu, with a row for each
 
 
 class ResultImage:

@@ -39,7 +39,7 @@ def draw() -> None:
         lines = [localized(line) for line in notices(scene, source, camera, through)]
         view = drawn_view(region) if rendered else None
         if view is not None:
-            lines += [text for text in (view.problem, view.warning) if text]
+            lines += [text for text in (view.problem, view.warning, *map(localized, view.left_out)) if text]
         outside = outside_drive(frame_of(scene), source.drive)
     except (UnisimError, OSError):
         return  # the panel says so

@@ -23,7 +23,7 @@ from ..core.errors import UnisimError
 from ..core.scenario import scenario_to_json
 from ..core.world.drive import CameraModel
 from ..editing.images.views import ViewPart, outside_drive, view_part
-from ..editing.reading.requests import camera_request
+from ..editing.reading.requests import camera_request, without_unreadable
 from ..editing.sampled.clock import Clock
 from ..editing.sampled.scene import SampledObject
 from ..preferences import device, interpreter
@@ -58,8 +58,12 @@ class ViewportImage:
     rectangle: tuple[int, int, int, int] = (0, 0, 0, 0)
     linear: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 0, 4), np.float32))
     problem: str = ""
+    remedy: str = ""
+    """What mends the problem, as `UnisimError` names it."""
     progress: str = ""
     """Progress of what has to be computed before there is an image."""
+    left_out: tuple[str, ...] = ()
+    """Sentences on actors that cannot be read."""
     warning: str = ""
     """Warning of what the scene's method cannot show."""
     outside: str = ""
@@ -186,7 +190,7 @@ class ViewportImage:
             self.problem = ""
         except (UnisimError, OSError) as fault:
             self.drop()
-            self.wanted, self.problem = None, str(fault)
+            self.wanted, self.problem, self.remedy = None, str(fault), getattr(fault, "remedy", "")
 
     def _wanted(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> dict[str, Any] | None:
         """The request for the image of what is looked at now; None where something moves in a way that is not known yet."""
@@ -213,7 +217,10 @@ class ViewportImage:
             self.rectangle = 0, 0, context.region.width, context.region.height
             view = onlooker(context, len(clock.frames))
         aspect = scene.render.pixel_aspect_y / scene.render.pixel_aspect_x
-        asked = camera_request(sampled, view, source, frame, self.rectangle[2:], aspect)
+        size = self.rectangle[2:]
+        asked, self.left_out = without_unreadable(
+            lambda readable: camera_request(readable, view, source, frame, size, aspect), sampled, source.drive
+        )
         self.log = asked.values["log"] if asked.values["scene"] is None else ""
         options = options_of(context.space_data)
         self.comparison.follow(
@@ -285,7 +292,7 @@ class ViewportImage:
             elif event["event"] == "arrays":
                 self._put(event["prepared"])
             else:
-                self.problem = event.get("text", "")
+                self.problem, self.remedy = event.get("text", ""), event.get("remedy", "")
                 self.request, self.preliminary = None, self.of_preliminary
                 if self.preliminary and not self.problem:
                     PREPARATION.follow(self.log, None)

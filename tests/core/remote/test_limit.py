@@ -12,7 +12,15 @@ import pytest
 
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.remote.copies import copies_used, local_path
-from unisim_blender.core.remote.limit import HAS_LOCKS, LIMIT_GB, VARIABLE, limit_bytes, make_room
+from unisim_blender.core.remote.limit import (
+    HAS_LOCKS,
+    LIMIT_GB,
+    VARIABLE,
+    cache_sizes,
+    clear_cache,
+    limit_bytes,
+    make_room,
+)
 
 pytest.importorskip("fsspec")
 pytestmark = pytest.mark.skipif(not HAS_LOCKS, reason="without locks of files nothing is removed")
@@ -99,6 +107,21 @@ def test_copies_of_processes_that_ended_are_not_held(inputs: Path, source: Calla
     assert path.exists() and not list(inputs.glob(".dropped-*"))
     make_room(inputs, round(2.6 * SIZE))
     assert not path.exists() and not list((inputs / "held").iterdir()) and not list((inputs / "used").iterdir())
+
+
+def test_caches_are_measured_and_cleared_but_for_what_is_in_use(
+    inputs: Path, source: Callable[[int], str], other: Path
+) -> None:
+    unused = fetched_elsewhere(source(0))
+    surfels = inputs.parent / "surfels"
+    for name in ("digest/points.npy", ".making-1/points.npy"):
+        (surfels / name).parent.mkdir(parents=True)
+        (surfels / name).write_bytes(b"1" * SIZE)
+    (surfels / "one.npz").write_bytes(b"1")
+    assert cache_sizes()["surfels"] == 2 * SIZE + 1 and 2 * SIZE <= cache_sizes()["inputs"] < 3 * SIZE
+    clear_cache()
+    assert [path.name for path in surfels.iterdir()] == [".making-1"], "it is being written"
+    assert other.exists() and not unused.exists()
 
 
 def test_a_cache_that_was_emptied_is_filled_again(inputs: Path, source: Callable[[int], str]) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,15 +13,17 @@ from imported_scene import changed, imported, sampled_object
 from winding_drive import ROAD, TIMES, on_road, winding_drive
 
 from unisim_blender.core.errors import ScenarioError
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.scenario.edit import EDITS
 from unisim_blender.core.scenario.motion.maneuvers import FRONT_M, Course, Maneuver, Quintic, smoothed
 from unisim_blender.core.simulation.vehicle.parameters import Vehicle
 from unisim_blender.core.world.drive import Drive
-from unisim_blender.editing.motion.kinematics import motion_of
+from unisim_blender.editing.motion.kinematics import is_limited, motion_of
 from unisim_blender.editing.motion.plausibility import warnings_of
 from unisim_blender.editing.sampled.clock import Clock, recorded_poses, recorded_there
+from unisim_blender.editing.sampled.scene import Sampled
 
 DRIVE = winding_drive()
 CLOCK = Clock.of(DRIVE)
@@ -205,6 +209,43 @@ def test_the_bumper_is_that_of_the_simulated_vehicle() -> None:
     assert {kind.type for kind in EDITS.values() if issubclass(kind, Maneuver)} == {
         "lane_change", "brake", "cut_in", "cross", "follow",
     }  # fmt: skip
+
+
+REAL_LOG = Path(os.environ.get("UNISIM_PANDASET", Path(__file__).parents[4] / "shared/data/pandaset/002"))
+
+
+@pytest.mark.skipif(not REAL_LOG.is_dir(), reason="no PandaSet log is at hand")
+def test_nothing_is_implausible_on_a_recorded_street() -> None:
+    """Of all vehicles that drive, at several times, whose annotations are noisy; what cannot be is refused."""
+    drive = open_log(REAL_LOG).drive
+    clock, done, refused = Clock.of(drive), 0, 0
+    for uid, known in drive.actors.items():
+        there, poses = recorded_there(known, drive, clock), recorded_poses(known, clock)
+        speed = motion_of(poses[:, :3, 3], clock.times_s, there).speed_m_s
+        for at in (4, 24, 44) if known.is_moving and is_limited(known.label) else ():
+            if not there[at] or speed[at] < 2.0:
+                continue
+            values = {"actor": uid, "at_s": float(clock.times_s[at])}
+            for edit in (
+                {"type": "lane_change", "left_m": 3.5},
+                {"type": "lane_change", "left_m": -3.5},
+                {"type": "brake", "deceleration_m_s2": 2.0},
+                {"type": "cut_in", "gap_s": 1.5},
+            ):
+                try:
+                    now = edited(values | edit, drive=drive)
+                except ScenarioError:
+                    refused += 1
+                    continue
+                new = now.actors[uid]
+                obj = sampled_object(
+                    uid, "ACTOR", recorded_poses(new, clock), recorded_there(new, now, clock),
+                    size_m=tuple(new.size_m.tolist()),
+                )  # fmt: skip
+                findings = warnings_of(Sampled("real", clock, (obj,)), drive)
+                assert [str(finding.text) for finding in findings] == [], (values, edit)
+                done += 1
+    assert done > 60 and refused < 2 * done, (done, refused)
 
 
 def test_polynomials_and_smoothing() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from imported_scene import added, changed, imported, one_of, sampled_object, standing
 
+from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.geometry import box_corners, invert_pose, transform_points
 from unisim_blender.core.lenses.f_theta import FTheta
 from unisim_blender.core.lenses.lens import Lens
@@ -27,8 +28,16 @@ from unisim_blender.core.world.drive import Camera, CameraModel
 from unisim_blender.core.world.encoding import decode_sensor, decode_state
 from unisim_blender.core.world.replay import DriveStates
 from unisim_blender.editing.actors.portraits import FILLED, SIZE_PX, portrait_request
-from unisim_blender.editing.reading.requests import camera_request, indices, lidar_request, only, sized
-from unisim_blender.editing.reading.scenario import folder, relative, write_scenario
+from unisim_blender.editing.reading.requests import (
+    camera_request,
+    indices,
+    lidar_request,
+    only,
+    sized,
+    without_unreadable,
+)
+from unisim_blender.editing.reading.scenario import folder, relative, unreadable_actors, write_scenario
+from unisim_blender.editing.sampled.scene import Scaling
 from unisim_blender.editing.sampled.source import DriveSource
 
 MODEL = CameraModel(480, 270, 400.0, 402.0, 238.0, 136.0)
@@ -178,3 +187,39 @@ def test_without_a_trained_scene_actors_of_other_scenes_are_left_out_with_a_warn
     assert values["warnings"] == ["Other: not shown, since actors of another scene need a trained scene of this drive"]
     assert values["others"] == [] and "Other" not in {actor.uid for actor in decode_state(values["state"]).actors}
     assert camera_request(sampled, view, source, 7.0, (96, 54)).values["warnings"] == []
+
+
+@pytest.mark.parametrize("case", ["scale", "scene", "appearance"])
+def test_an_unreadable_actor_is_left_out_of_a_view_and_refused_elsewhere(source: DriveSource, case: str) -> None:
+    """Its scale is forbidden, its scene was moved, or that scene lacks its appearance; all else is in the image."""
+    car, view_name = standing(source.drive).uid, "front_camera"
+    here = imported(source.drive)
+    copy = replace(one_of(here, car), name="Copy of it", original_name="", appearance=car)
+    before = camera_request(here, one_of(here, view_name), source, 7.0, (96, 54))
+    faulty = {
+        "scale": replace(copy, scaling=Scaling((20.0, 20.0, 20.0))),
+        "scene": replace(copy, appearance_scene="/gone/scene"),
+        "appearance": replace(copy, appearance="car-99"),
+    }[case]
+    sampled = added(here, faulty)
+    view = one_of(sampled, view_name)
+    with pytest.raises(UnisimError):
+        camera_request(sampled, view, source, 7.0, (96, 54))
+    request, left_out = without_unreadable(
+        lambda readable: camera_request(readable, view, source, 7.0, (96, 54)), sampled, source.drive
+    )
+    assert request.scenario == before.scenario and request.values["state"] == before.values["state"]
+    (sentence,) = left_out
+    assert str(sentence).startswith('Left out: "Copy of it" ')
+    assert list(unreadable_actors(sampled, source.drive)) == ["Copy of it"]
+
+
+def test_a_faulty_scene_without_faulty_actors_is_refused_in_a_view_too(source: DriveSource) -> None:
+    sampled = imported(source.drive)
+    broken = replace(sampled, objects=tuple(obj for obj in sampled.objects if obj.kind != "EGO"))
+    with pytest.raises(UnisimError, match="has no ego vehicle"):
+        without_unreadable(
+            lambda readable: camera_request(readable, one_of(sampled, "front_camera"), source, 7.0, (96, 54)),
+            broken,
+            source.drive,
+        )

@@ -12,7 +12,7 @@ from importlib import import_module
 
 import click
 
-from ..errors import MAX_LETTERS, UnisimError, what_is_missing
+from ..errors import MAX_LETTERS, UnisimError, remedy_of, what_is_missing
 from ..processes import wait_briefly
 from ..registry import entries
 from . import commands
@@ -67,7 +67,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     try:
         result = unisim.main(arguments, prog_name="unisim", standalone_mode=False)
     except UnisimError as error:
-        return _fail(str(error))
+        return _fail(str(error), error.remedy)
     except click.ClickException as error:
         error.show()
         return error.exit_code
@@ -85,7 +85,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         sentence = what_is_missing(error)
         if not sentence:
             raise
-        return _fail(sentence)
+        return _fail(sentence, remedy_of(error))
     return result if isinstance(result, int) else 0
 
 
@@ -128,8 +128,9 @@ def open_standard_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def _fail(sentence: str) -> int:
-    click.echo(f"Error: {sentence}", err=True)
+def _fail(sentence: str, remedy: str = "") -> int:
+    """Print why a command fails, and for Blender what mends it. Return the exit code."""
+    click.echo(f"Error: {sentence}" + (f"\nRemedy: {remedy}" if remedy else ""), err=True)
     return EXIT_ERROR
 
 

@@ -107,7 +107,7 @@ def named(copy: Path, url: str) -> Iterator[None]:
     try:
         yield
     except UnisimError as error:
-        raise type(error)(str(error).replace(str(copy), url)) from error
+        raise type(error)(str(error).replace(str(copy), url), remedy=error.remedy) from error
 
 
 def _of_log(path: Path) -> Scenario:

@@ -23,7 +23,7 @@ from typing import Any
 from ..errors import UnisimError
 from ..files import CACHE_VARIABLE, cache_folder, sha256_of_file, write_file
 from ..memo import memoized
-from .limit import HAS_LOCKS, hold, make_room
+from .limit import HAS_LOCKS, INPUTS, hold, make_room
 from .requests import file_system, last_part, tried
 
 THREADS = 8
@@ -98,7 +98,7 @@ def local_path(url: str, part: FolderPart | None = None) -> Path:
     for key in ((url, ""), (url, _name(part))):
         if used is not None and key in used:
             return used[key].path
-    copy = _fetched(url, part, cache_folder() / "inputs")
+    copy = _fetched(url, part, cache_folder() / INPUTS)
     if used is not None:
         used[copy.key] = copy
     return copy.path

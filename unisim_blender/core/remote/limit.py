@@ -18,10 +18,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..errors import UnisimError
+from ..files import cache_folder
 
 HAS_LOCKS = os.name == "posix"
 VARIABLE = "UNISIM_INPUTS_GB"
 LIMIT_GB = 50.0
+INPUTS = "inputs"
+"""The folder of copies below that of caches."""
 
 
 def limit_bytes() -> float:
@@ -52,7 +55,7 @@ def hold(root: Path, digest: str, put: Callable[[], object] | None = None, size:
     return True
 
 
-def make_room(root: Path, needed: int) -> None:
+def make_room(root: Path, needed: float) -> None:
     """Remove copies that no process uses, those that were used longest ago first, until this many bytes more lie within the
     limit, or none is left. Raises `UnisimError` where the limit is no size, and `OSError`."""
     most = limit_bytes()
@@ -76,6 +79,31 @@ def make_room(root: Path, needed: int) -> None:
                 marker.unlink()
                 dropped.add(digest)
         _forget(root, dropped)
+
+
+def cache_sizes() -> dict[str, int]:
+    """Return the bytes of the user's caches by the names of their folders."""
+    root = cache_folder()
+    places = [place for place in root.iterdir() if place.is_dir()] if root.is_dir() else []
+    return {place.name: sum(map(_on_disk, place.rglob("*"))) for place in places}
+
+
+def clear_cache() -> None:
+    """Remove what lies in the user's caches, but for copies of inputs that a process uses and what is being written. Raises
+    `UnisimError`, and `OSError`."""
+    for name in cache_sizes():
+        place = cache_folder() / name
+        if name == INPUTS:
+            make_room(place, math.inf)
+            continue
+        for entry in place.iterdir():
+            if entry.name.startswith(".") or entry.suffix == ".partial":
+                continue
+            if entry.is_dir():
+                shutil.rmtree(entry, ignore_errors=True)
+            else:
+                with suppress(OSError):
+                    entry.unlink()
 
 
 def _bytes(marker: Path) -> int:

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from ..errors import UnisimError, in_a_line, what_is_missing
+from ..errors import UnisimError, in_a_line, remedy_of, what_is_missing
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
 """At least two letters: "C:/street" is a path."""
@@ -52,7 +52,8 @@ def file_system(url: str, error: type[UnisimError]) -> tuple[Any, str]:
 
         return url_to_fs(url, use_listings_cache=False)
     except ImportError as fault:
-        raise error(f"{url}: cannot be opened: {what_is_missing(fault) or in_a_line(fault)}") from fault
+        sentence = f"{url}: cannot be opened: {what_is_missing(fault) or in_a_line(fault)}"
+        raise error(sentence, remedy=remedy_of(fault)) from fault
     except (ValueError, OSError) as fault:
         raise error(f"{url}: cannot be opened: {in_a_line(fault)}") from fault
 

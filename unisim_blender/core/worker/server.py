@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data.log import Log
-from ..errors import UnisimError, in_a_line, short, what_is_missing
-from ..formats.readers import open_log
+from ..errors import UnisimError, in_a_line, remedy_of, short, what_is_missing
+from ..formats.readers import drive_in, open_log
 from ..prepare.renderers import UNTRAINED_DEFAULT
 from ..render.changes import RenderedState, changed_regions, joined_where_cheaper
 from ..render.lattice import Region
@@ -204,7 +204,7 @@ class Jobs:
 
     def _log(self, request: WorkerMessage) -> Log:
         """Return a request's log. Its surfels are there if they are cached on disk."""
-        path = Path(_text(request, "log"))
+        path = drive_in(Path(_text(request, "log")))
         if self.log is None or self.log.path != path:
             log = open_log(path)
             build = surfels_of(log, UNTRAINED_DEFAULT.settings)
@@ -345,13 +345,16 @@ class Server:
                         return
             self._tell(number, {"event": "cancelled" if number in self.cancelled else "done"})
         except UnisimError as fault:
-            self._tell(number, {"event": "error", "text": str(fault)})
+            self._tell(number, {"event": "error", "text": str(fault), "remedy": fault.remedy})
         except MemoryError:
             self._tell(number, {"event": "error", "text": "the worker has no memory left for this"})
         except Exception as fault:
-            missing = what_is_missing(fault) if isinstance(fault, ImportError) else ""
+            missing, remedy = "", ""
+            if isinstance(fault, ImportError):
+                missing, remedy = what_is_missing(fault), remedy_of(fault)
             traceback.print_exc(file=sys.stderr)
-            self._tell(number, {"event": "error", "text": missing or f"{type(fault).__name__}: {in_a_line(fault)}"})
+            text = missing or f"{type(fault).__name__}: {in_a_line(fault)}"
+            self._tell(number, {"event": "error", "text": text, "remedy": remedy})
         finally:
             if not paused:
                 self.cancelled.discard(number)

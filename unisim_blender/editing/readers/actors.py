@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...core.actor_images.names import plain_names
-from ...core.errors import ScenarioError
+from ...core.errors import ScenarioError, UnisimError
 from ...core.geometry import BoolArray, FloatArray, Trajectory, invert_pose
 from ...core.scenario import build
 from ...core.scenario.edit import Edit
@@ -121,6 +121,24 @@ def _by_id(reading: ReadContext) -> dict[str, list[SampledObject]]:
             raise ScenarioError(fault)
         by_id.setdefault(obj.uid, []).append(obj)
     return by_id
+
+
+def unreadable(reading: ReadContext) -> dict[str, UnisimError]:
+    """Return why actors' objects cannot be read, each for itself, by the objects' names."""
+    faults: dict[str, UnisimError] = {}
+    for obj in reading.sampled.of("ACTOR"):
+        alone = replace(reading, taken=set(reading.taken))
+        context = ActorEditContext(alone, obj, reading.drive.actors.get(obj.uid))
+        try:
+            if fault := refusal(obj.name, obj.scaling):
+                raise ScenarioError(fault)
+            if obj.appearance:
+                _ = context.appearance_size_m
+            for _ in _read_edits(alone, obj.uid, [obj]):
+                pass
+        except UnisimError as fault:
+            faults[obj.name] = fault
+    return faults
 
 
 def row_of(text: str) -> Row | None:

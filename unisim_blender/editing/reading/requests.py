@@ -7,12 +7,14 @@ worker gets a state.
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from ...core.errors import UnisimError
 from ...core.prepare.capture_request import capture_request
 from ...core.scenario import apply_scenario, check_scenario
 from ...core.scenario.sensors.document import CameraSpec, Sensors
@@ -25,7 +27,8 @@ from ..sampled.clock import Clock
 from ..sampled.scene import Sampled, SampledObject, optical
 from ..sampled.source import OPENED, DriveSource, scene_actors
 from ..sensors.names import sensor_id
-from .scenario import read_scenario
+from ..texts import Text
+from .scenario import read_scenario, unreadable_actors
 
 HERE = Path(tempfile.gettempdir()).resolve() / "moment.json"
 """Path that the scenario of a request is relative to; nothing is written there."""
@@ -39,6 +42,9 @@ class CameraRequest(NamedTuple):
     model: CameraModel
     scenario: Scenario
     indices: dict[str, int]
+
+
+RequestT = TypeVar("RequestT")
 
 
 def camera_request(
@@ -64,6 +70,22 @@ def camera_request(
     # as `unisim render` resizes a camera: its own width decides how finely an image is traced
     camera = replace(camera, model=model, full_width=camera.model.width)
     return CameraRequest(_request(source, edited, camera, time_s), model, scenario, indices(sampled))
+
+
+def without_unreadable(
+    ask: Callable[[Sampled], RequestT], sampled: Sampled, drive: Drive
+) -> tuple[RequestT, tuple[Text, ...]]:
+    """Return a view's request of a scene, without the actors that cannot be read, and a sentence on each of these. Raises
+    `UnisimError` where there is no request without them either."""
+    try:
+        return ask(sampled), ()
+    except UnisimError:
+        faults = unreadable_actors(sampled, drive)
+        if not faults:
+            raise
+    readable = replace(sampled, objects=tuple(obj for obj in sampled.objects if obj.name not in faults))
+    left_out = (Text('Left out: "{name}" {fault}', name=name, fault=why) for name, why in faults.items())
+    return ask(readable), tuple(left_out)
 
 
 def indices(sampled: Sampled) -> dict[str, int]:

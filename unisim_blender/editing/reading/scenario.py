@@ -33,6 +33,7 @@ from ...core.world.drive import Drive
 from .. import readers  # noqa: F401 so that all are registered
 from ..edits.lines import EditLine, problem_line
 from ..edits.reader import GROUPS, ReadContext
+from ..readers.actors import unreadable
 from ..readers.sensors import sensors_of
 from ..sampled.scene import Sampled
 from ..sampled.source import DriveSource
@@ -75,6 +76,12 @@ def read_scenario(
 def _reading(sampled: Sampled, drive: Drive, named: Callable[[str], str] = str) -> ReadContext:
     """Return the readers' context of a sampled scene. ``named`` gives a file or a folder as the scenario names it."""
     return ReadContext(sampled, drive, {*drive.actors, *(obj.uid for obj in sampled.of("STATIC"))}, named)
+
+
+def unreadable_actors(sampled: Sampled, drive: Drive) -> dict[str, str]:
+    """Return why actors' objects cannot be read, in words after the object's name, by the objects' names."""
+    faults = unreadable(_reading(sampled, drive))
+    return {name: str(fault).removeprefix(f'object "{name}": ') for name, fault in faults.items()}
 
 
 def edited_ids(sampled: Sampled, drive: Drive) -> set[str]:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...core.data.log import Log
-from ...core.errors import LogError, UnisimError, what_is_missing
+from ...core.errors import LogError, UnisimError, remedy_of, what_is_missing
 from ...core.formats.readers import folders_below, open_log, reader_of
 from ...core.json_file import read_json
 from ...core.model.scene_file import HEADER_NAME, read_scene_header
@@ -110,7 +110,7 @@ def open_source(log: str, scene: str) -> DriveSource:
         elif recorded is not None:
             drive, parked = recorded.drive, parked_boxes(recorded.drive)
         else:
-            raise NotImported(f"{log_path}: there is no log")
+            raise NotImported(f"{log_path}: there is no log", remedy="log")
         source = DriveSource(log_path, scene_path, drive, recorded, parked)
         _newest.clear()
         _newest[key] = source
@@ -124,7 +124,7 @@ def _opened(path: Path) -> Log:
         sentence = what_is_missing(fault)
         if not sentence:
             raise
-        raise LogError(f"{path}: {sentence}") from fault
+        raise LogError(f"{path}: {sentence}", remedy=remedy_of(fault)) from fault
 
 
 def _changed(path: Path | None) -> float:

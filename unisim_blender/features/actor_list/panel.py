@@ -5,6 +5,7 @@ import bpy
 from ...editing.actors.table import dense, distance_text, speed_text, time_text
 from ...editing.texts import kmh
 from ...translations import interface, localized
+from ..problems import draw_problem
 from ..sidebar import DrivePanel
 from . import listing
 from .operators import ICONS
@@ -106,7 +107,7 @@ class UNISIM_PT_actors(DrivePanel, bpy.types.Panel):
         layout, scene, wanted = self.layout, context.scene, context.window_manager.unisim_actors
         table = listing.table_of(scene)
         if table.problem:
-            layout.label(text=localized(table.problem), translate=False, icon="ERROR")
+            draw_problem(layout, localized(table.problem), "ERROR")
         row = layout.row(align=True)
         row.prop(wanted, "text", text="", icon="VIEWZOOM")
         row.operator("unisim.clear_actor_filter", text="", icon="X")

@@ -35,6 +35,7 @@ from ...editing.sampled.clock import Clock, recorded_poses
 from ...translations import interface, message
 from ..actor_list.operators import GROUPS
 from ..operator_bases import Needing, reporting
+from ..problems import draw_problem, fail
 from . import thumbnails
 
 PAGE = 32
@@ -149,7 +150,7 @@ def draw_choice(layout: bpy.types.UILayout, context: bpy.types.Context, operator
     try:
         choice = choice_of(context, folder)
     except (UnisimError, OSError) as fault:
-        layout.label(text=str(fault), icon="ERROR")
+        draw_problem(layout, str(fault), "ERROR")
         return
     known = operator.appearance in choice.actors
     layout.label(text=choice.names[operator.appearance] if known else "Click the image to choose")
@@ -269,8 +270,7 @@ class UNISIM_OT_replace_appearance(Needing, _Chooses, bpy.types.Operator):
         try:
             actor = choice_of(context, self.scene).actors.get(uid)
         except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+            return fail(self, fault)
         self.begin(context, group_of(actor.label) if actor is not None else "ALL", uid)
         return context.window_manager.invoke_props_dialog(self, width=WIDTH_PX, confirm_text="Replace")
 
@@ -429,8 +429,7 @@ class UNISIM_OT_insert_actor(Needing, _Chooses, bpy.types.Operator):
         try:
             choice = choice_of(context, self.folder())
         except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+            return fail(self, fault)
         obj = context.active_object
         own = obj.unisim.look or obj.unisim.uid if obj is not None and obj.unisim.kind == "ACTOR" else ""
         actor = choice.actors.get(own)

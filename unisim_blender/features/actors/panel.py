@@ -78,15 +78,16 @@ class UNISIM_PT_actor(DrivePanel, bpy.types.Panel):
         for text in card_lines(card) if card else (interface("No active actor"), *"––––"):
             lines.label(text=text, translate=False)
         column = layout.column(align=True)
-        column.operator_menu_enum("unisim.duplicate_actor", "where", text="Duplicate", icon="DUPLICATE")
-        column.operator("unisim.delete_actor", text="Delete", icon="TRASH")
-        column.operator_menu_enum("unisim.maneuver", "kind", icon="CON_FOLLOWPATH")
+        row = column.row(align=True)
+        row.operator_menu_enum("unisim.duplicate_actor", "where", text="Duplicate", icon="DUPLICATE")
+        row.operator("unisim.delete_actor", text="Delete", icon="TRASH")
         column.operator_menu_enum("unisim.retime_actor", "mode", text="Retime", icon="TIME")
+        column.operator_menu_enum("unisim.maneuver", "kind", icon="CON_FOLLOWPATH")
         column.operator("unisim.shift_actor", icon="ARROW_LEFTRIGHT")
         column.operator("unisim.follow_curve", icon="CURVE_PATH")
         column.operator("unisim.snap_to_ground", icon="SNAP_FACE")
-        column.operator("unisim.replace_appearance", icon="FILE_REFRESH")
         column.operator_menu_enum("unisim.swap_class", "group", icon="MOD_INSTANCE")
+        column.operator("unisim.replace_appearance", icon="FILE_REFRESH")
 
 
 class UNISIM_PT_insert(DrivePanel, bpy.types.Panel):

@@ -31,6 +31,7 @@ from ...translations import localized, message
 from ..drive.export_operators import scenario_of
 from ..operator_bases import Needing, in_thread, nothing_runs
 from ..output.operators import sensor_options, width_options
+from ..problems import fail
 from ..simulation.operators import Simulates
 from ..simulation.properties import driver_of
 from .properties import parameters_of
@@ -204,8 +205,7 @@ class UNISIM_OT_add_parameter(Needing, bpy.types.Operator):
         try:
             find_fields(context.scene)
         except UnisimError as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+            return fail(self, fault)
         if not _fields:
             self.report({"WARNING"}, message("The scenario has no edit and no setting of a simulation to vary"))
             return {"CANCELLED"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
@@ -45,15 +46,17 @@ from ...editing.simulation.rollouts import (
     rollout_state,
 )
 from ...editing.texts import counted, series, translatable
+from ...preferences import default_folder
 from ...registering import add
 from ...translations import interface, localized, message
 from ...viewport.view_types import follow_soon
 from ..operator_bases import InSteps, Needing, in_thread
+from ..problems import fail
 from ..sidebar import Sidebar, settings_column
 
 FAR_M = 2000.0
 """Clipping distance of views, in metres: a drive is longer than Blender's 100 m."""
-TAB_DRAWINGS = 100
+TAB_DRAWINGS = 10
 """Number of steps in which the sidebar should have been drawn."""
 MOST_CHOICES = 30
 """Number of drives in a folder that a menu shows."""
@@ -69,7 +72,10 @@ class _ImportDrive(InSteps, ImportHelper):
 
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for what to import, unless it was dropped onto the window."""
-        return self.in_steps(context) if self.filepath else self.ask_for_path(context)
+        if self.filepath:
+            return self.in_steps(context)
+        self.filepath = default_folder("logs")
+        return self.ask_for_path(context)
 
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Open the drive, import it, show it and say what came in."""
@@ -94,6 +100,8 @@ class _ImportDrive(InSteps, ImportHelper):
                 yield None
         if first:
             look_through_camera()
+            if out := default_folder("output"):
+                context.scene.unisim.out = str(Path(out, source.log_path.name))
         context.scene.unisim.first_steps |= first_in_file
         if first and self.timer is not None:
             yield from show_drive(context, first_in_file)
@@ -399,6 +407,7 @@ class UNISIM_OT_import_drive(_ImportsParts, bpy.types.Operator):
         """Ask for what to import, unless it was dropped."""
         if self.filepath:
             return self.execute(context)
+        self.directory = default_folder("logs")
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
@@ -412,9 +421,10 @@ def handed_on(operator: bpy.types.Operator, call: Callable[[], set[str]]) -> set
     """Return what another operator answers, whose errors are reported; what goes on has its own undo step."""
     try:
         answer = call()
-    except (UnisimError, OSError, RuntimeError) as fault:  # the last is what the other one reports
-        operator.report({"ERROR"}, str(fault).removeprefix("Error: ").strip())
-        return {"CANCELLED"}
+    except RuntimeError as fault:  # what the other one reports
+        return fail(operator, UnisimError(str(fault).removeprefix("Error: ").strip()))
+    except (UnisimError, OSError) as fault:
+        return fail(operator, fault)
     return {"INTERFACE"} if answer == {"RUNNING_MODAL"} else answer
 
 
@@ -507,6 +517,35 @@ class UNISIM_OT_import_sensors(Needing, bpy.types.Operator):
         return handed_on(self, lambda: import_recognised(chosen, parts))
 
 
+class UNISIM_OT_locate_log(Needing, InSteps, bpy.types.Operator):
+    """Choose the folder in which the log of this drive lies now"""
+
+    bl_idname = "unisim.locate_log"
+    bl_label = "Choose Folder of the Log"
+    bl_options = {"REGISTER", "UNDO"}
+    needs = (drive,)
+
+    directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for it."""
+        self.directory = default_folder("logs")
+        return self.ask_for_path(context)
+
+    def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
+        """Open it, and have all scenes of the drive name it. Raises `UnisimError` for another drive's log."""
+        about, chosen = context.scene.unisim, Path(bpy.path.abspath(self.directory))
+        scene = bpy.path.abspath(about.scene) if about.scene else ""
+        yield message("Opening the drive (Esc to cancel)")
+        source = yield from in_thread(lambda: open_source(str(drive_in(chosen)), scene))
+        if about.origin and json.loads(about.origin) != source.drive.world_origin.tolist():
+            raise UnisimError(message("{folder}: is the log of another drive", folder=source.log_path))
+        before = about.log
+        for other in bpy.data.scenes:
+            if other.unisim.log == before:
+                other.unisim.log = str(source.log_path)
+
+
 class UNISIM_OT_recorded_colours(bpy.types.Operator):
     """Show colours as recorded: view transform Standard, look None, exposure 0, gamma 1"""
 
@@ -538,6 +577,7 @@ CLASSES = (
     UNISIM_OT_open_rollout,
     UNISIM_OT_import_drive,
     UNISIM_OT_import_sensors,
+    UNISIM_OT_locate_log,
     UNISIM_OT_recorded_colours,
     UNISIM_FH_json,
     UNISIM_FH_image,

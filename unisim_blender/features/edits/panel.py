@@ -11,6 +11,7 @@ from ...bridge.sampling.edit_list import reading_of
 from ...editing.edits.lines import EditLine
 from ...editing.texts import counted, wrapped
 from ...translations import interface, localized
+from ..problems import draw_problem
 from ..sidebar import DrivePanel
 from . import watch as edit_watch
 
@@ -51,7 +52,7 @@ class UNISIM_PT_edits(DrivePanel, bpy.types.Panel):
         elif reading.problem:
             column = layout.column()
             column.alert = True
-            column.label(text=localized(reading.problem), translate=False, icon="ERROR")
+            draw_problem(column, localized(reading.problem), "ERROR")
         elif not reading.lines:
             layout.label(text="None: everything is as recorded", icon="CHECKMARK")
         else:

@@ -35,6 +35,7 @@ from ...editing.sensors.mounts import angles
 from ...editing.texts import Text, kmh, series, translatable
 from ...translations import interface, localized, message, tooltip
 from ..operator_bases import Needing
+from ..problems import fail
 from .overlay import Grip, graph_place, grips
 from .properties import graph_of, limits_of
 
@@ -91,8 +92,7 @@ class Dragged:
         try:
             self.apply(context)
         except (UnisimError, OSError, ValueError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+            return fail(self, fault)
         refresh([self.subject(context)])
         self.report({"INFO"}, localized(self.said(context)))
         return {"FINISHED"}
@@ -104,8 +104,7 @@ class Dragged:
         try:
             self.begin(context)
         except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+            return fail(self, fault)
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 

@@ -70,13 +70,14 @@ LEAD_S = 3.0
 """Time from the current frame until a crossing actor is on the ego vehicle's path, at first."""
 BESIDE_M = 0.4
 """Room between a crossing actor and the ego vehicle when that passes as recorded, at first."""
-FIRST: dict[str, list[dict[str, Any]]] = {
+FIRST: dict[str, list[Any]] = {
     "CUT_IN": [{"gap_by": "TIME", "gap_s": gap} for gap in (1.5, 1.0, 2.0, 2.5, 0.7)],
     "LANE_CHANGE": [{"left_m": left} for left in (3.5, -3.5, 3.0, -3.0)],
-    "PERSON": [{"from_m": aside} for aside in (6.0, 4.5, 8.0, 10.0)],
-    "CYCLE": [{"from_m": aside} for aside in (10.0, 12.0, 15.0)],
+    "PERSON": [(6.0, 1.0), (3.0, 1.0), (6.0, 1.4), (6.0, 1.8), (6.0, 2.2), (3.0, 1.6)],
+    "CYCLE": [(10.0, 1.0), (12.0, 1.0), (10.0, 1.5), (15.0, 1.0)],
 }
-"""Numbers that are tried, in this order."""
+"""Numbers that are tried, in this order. Of a crossing: from how far aside, and by how much more than the least gap that
+is free of the ego vehicle, so that there is a way between parked cars."""
 PLATOON = {"gap_s": 1.2, "gap_m": 2.0}
 GROUND_M = 10.0
 """How far ahead of the ego vehicle the ground's height is taken for a new actor."""
@@ -218,8 +219,10 @@ class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
                 sides, group = ["RIGHT", "LEFT"], group_of(label)
                 speed = habits.speed_m_s
                 room = (Vehicle().width_m + float(before.context.here.size_m[1])) / 2 + BESIDE_M
-                gap = {"gap_by": "TIME", "gap_s": round(room / speed, 1), "speed_m_s": speed}
-                tried = [{**gap, **numbers} for numbers in FIRST.get(group, FIRST["PERSON"])]
+                tried = [
+                    {"gap_by": "TIME", "gap_s": round(more * room / speed, 1), "speed_m_s": speed, "from_m": aside}
+                    for aside, more in FIRST.get(group, FIRST["PERSON"])
+                ]
             if self.kind == "BRAKE":
                 tried = [{"deceleration_m_s2": habits.comfortable_m_s2}]
             rounds = [tried]

@@ -43,8 +43,8 @@ PATHS = (
 AHEAD_M, CONES_M, CONES = 8.0, 24.0, 6
 """From the ego vehicle to the first cone, the length of a row of cones, and their number."""
 LANE_EDGE_M = -1.9
-FARTHEST = 16
-"""Number of places by which a row is moved at most to where its places are free."""
+FARTHEST, FAR = 16, 0.1
+"""Number of places by which a row is moved at most to where its places are free; how many free ones outweigh one."""
 NUMBERS = ("along", "start_m", "end_m", "by_spacing", "count", "spacing_m", "left_m", "end_left_m", "variation_m")
 """Properties of operators that put rows."""
 PARKED, PARKED_GAP_M, PARKED_VARIATION_M = 4, 1.2, 0.25
@@ -132,18 +132,18 @@ class PlacesRow(Needing):
         """Return the numbers that the row has at first."""
         raise NotImplementedError
 
-    def slide(self: Any, context: bpy.types.Context, obj: bpy.types.Object, recorded: Drive) -> None:
-        """Move the row along its path, a place at a time, to where most of its places are free, as near as can be."""
-        row, count = self.row(context, obj, recorded), self.count
-        step, before = (self.end_m - self.start_m) / max(count - 1, 1), self.back
+    def slide(self: Any, row: Row, obj: bpy.types.Object, recorded: Drive, others: Boxes) -> None:
+        """Move the row along its path, a place at a time, to where most of its places are free, and near."""
+        count, before = self.count, self.back
+        step = (self.end_m - self.start_m) / max(count - 1, 1)
         longer = replace(
             row, start_m=row.start_m - before * step, end_m=row.start_m + (FARTHEST + count - 1) * step,
             count=before + FARTHEST + count, spacing_m=None,
         )  # fmt: skip
         size_m = np.array(size_of(obj))
         poses = longer.poses(rigid(np.array(obj.matrix_world, float)), size_m, recorded, row.id)
-        free = np.convolve(clear(poses, size_m, boxes(context.scene, recorded, row)), np.ones(count), "valid")
-        best = min(range(len(free)), key=lambda at: (-int(free[at] + 0.5), at < before, abs(at - before)))
+        free = np.convolve(clear(poses, size_m, others), np.ones(count), "valid")
+        best = int((free - FAR * np.abs(np.arange(len(free)) - before + 0.1)).argmax())
         self.start_m, self.end_m = (float(end + (best - before) * step) for end in (self.start_m, self.end_m))
 
     @reporting
@@ -153,6 +153,7 @@ class PlacesRow(Needing):
         obj = scene.objects.get(self.source) or self.found(context, recorded)
         if obj is None:
             return self.without(context)
+        given = set(NUMBERS)
         if not self.source:
             ids = {other.name.rpartition(" ")[0] for other in bpy.data.objects}
             self.source, self.id = obj.name, free_name(self.bl_label, ids)
@@ -160,10 +161,11 @@ class PlacesRow(Needing):
             for name, value in self.begin(context, obj, recorded).items():
                 if name not in given:
                     setattr(self, name, value)
-            if not given & {"start_m", "end_m"}:
-                self.slide(context, obj, recorded)
         row = self.row(context, obj, recorded)
         others = boxes(scene, recorded, row)
+        if not given & {"start_m", "end_m"}:
+            self.slide(row, obj, recorded, others)
+            row = self.row(context, obj, recorded)
         is_recorded = obj == as_imported(scene, "ACTOR", obj.unisim.uid) and obj.unisim.uid in recorded.actors
         placed = arranged(scene, row, recorded, others) if is_recorded else copies(context, obj, row, recorded, others)
         if not placed:
@@ -175,7 +177,7 @@ class PlacesRow(Needing):
 
     def row(self: Any, context: bpy.types.Context, obj: bpy.types.Object, recorded: Drive) -> Row:
         """Return the row as it is set."""
-        along = {"EGO": EGO, "ACTOR": nearest_driver(obj, recorded)}.get(self.along)
+        along = nearest_driver(obj, recorded) if self.along == "ACTOR" else EGO if self.along == "EGO" else None
         return Row(
             obj.unisim.uid,
             self.id,

@@ -21,6 +21,7 @@ from ...process.tasks import SequenceTask, Task
 from ...translations import message
 from ..drive.export_operators import ReadsScenes
 from ..operator_bases import AtOnce, Needing, in_thread, nothing_runs, reporting
+from ..problems import fail
 
 SCENARIO = "scenario.json"
 MIN_WIDTH = 8
@@ -161,8 +162,7 @@ class UNISIM_OT_play_result(bpy.types.Operator):
         try:
             subprocess.Popen(player_command(bpy.app.binary_path, frames, render.fps, render.fps_base))
         except OSError as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+            return fail(self, fault)
         return {"FINISHED"}
 
 

@@ -2,6 +2,7 @@
 
 import queue
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import bpy
@@ -15,7 +16,7 @@ from ...bridge.window import drive, redraw
 from ...core.errors import UnisimError
 from ...core.world.drive import Lidar
 from ...core.world.encoding import decode_sensor
-from ...editing.reading.requests import lidar_request
+from ...editing.reading.requests import lidar_request, without_unreadable
 from ...editing.sampled.clock import Clock
 from ...editing.sensors.sweeps import (
     DROPS,
@@ -29,6 +30,7 @@ from ...editing.sensors.sweeps import (
 from ...preferences import device, interpreter
 from ...process.client import Client, Request, client, progress_line
 from ...registering import add, take_away
+from ...translations import localized
 from ..operator_bases import Needing, reporting
 
 POLL_S = 0.1
@@ -92,7 +94,9 @@ def ask_sweeps(scene: bpy.types.Scene) -> None:
         if (recorded is not None and not recorded.model.beams) or not lidar.there.any():
             continue  # the log's plain points, or hidden for renders
         settings = {"quality": scene.unisim.quality, "device": device()}
-        values = {**lidar_request(sampled, lidar, source, frame_of(scene)), **settings}
+        ask = partial(lidar_request, lidar=lidar, source=source, frame=frame_of(scene))
+        values, left_out = without_unreadable(ask, sampled, source.drive)
+        values |= {**settings, "warnings": [*values["warnings"], *map(localized, left_out)]}
         if asked.get(key) == values:
             continue
         before = waiting.pop(key, None)

@@ -13,6 +13,7 @@ from ...editing.texts import wrapped
 from ...translations import interface, localized
 from ..edits import watch as edit_watch
 from ..edits.panel import LineWidth, count_text, pressed, room_of
+from ..problems import draw_problem
 from ..sidebar import DrivePanel, draw_task
 from .operators import VariantsTask
 
@@ -80,7 +81,7 @@ def draw_comparison(layout: Any, shown: bpy.types.Scene, other: bpy.types.Scene,
         layout.label(text="Reading the edits…", icon="SORTTIME")
         return
     if here.problem or there.problem:
-        layout.label(text=localized(here.problem or there.problem), translate=False, icon="ERROR")
+        draw_problem(layout, localized(here.problem or there.problem), "ERROR")
         return
     differing = compared(here.lines, there.lines)
     column = layout.column(align=True)

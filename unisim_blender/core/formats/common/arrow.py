@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import LogError, in_a_line, what_is_missing
+from ...errors import LogError, in_a_line, remedy_of, what_is_missing
 from ...geometry import FloatArray, nearest_rotation
 
 MOST_ROWS = 10_000_000
@@ -131,7 +131,7 @@ def arrow(path: Path) -> ModuleType:
     try:
         import pyarrow
     except ModuleNotFoundError as error:
-        raise LogError(f"{path}: {what_is_missing(error) or in_a_line(error)}") from error
+        raise LogError(f"{path}: {what_is_missing(error) or in_a_line(error)}", remedy=remedy_of(error)) from error
     except ImportError as error:  # one built for another numpy
         raise LogError(f"{path}: this needs pyarrow, which cannot be imported: {in_a_line(error)}") from error
     return pyarrow

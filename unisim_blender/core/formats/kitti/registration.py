@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import LogError, OutputError, what_is_missing
+from ...errors import LogError, OutputError, remedy_of, what_is_missing
 from ...files import cache_folder, file_stamp, write_file
 from ...geometry import FloatArray, Trajectory, invert_pose, make_pose, quaternion_from_matrix, spread_indices
 from ...json_file import Node, read_json
@@ -205,7 +205,8 @@ def _library(where: str) -> Any:
     try:
         import small_gicp
     except ModuleNotFoundError as error:
-        raise LogError(f"{where}: has no poses, and to find them {what_is_missing(error)}") from error
+        sentence = f"{where}: has no poses, and to find them {what_is_missing(error)}"
+        raise LogError(sentence, remedy=remedy_of(error)) from error
     return small_gicp
 
 
