@@ -97,7 +97,7 @@ def unreadable() -> Iterator[float]:
         screenshot("unreadable_rendered")
         with inside(area("VIEW_3D")):
             bpy.ops.unisim.check("INVOKE_DEFAULT")
-        yield 3.0
+        yield from until(lambda: bpy.context.scene.unisim_check.state, "the check does not end")
         texts = [item.text for item in bpy.context.scene.unisim_check.warnings if item.name == car]
         results["check"] = texts
         assert any("views leave it out" in text for text in texts), texts

@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import hands
 from hands import click, edits, import_dropped, key, look_at, middle, object_named, to
 from motion import driving, module
-from session import OUT, area, from_behind, inside, named, results, screenshot, start, until, view
+from session import OUT, area, from_behind, inside, results, screenshot, start, until, view
 from tasks import arrived, install, task
 
 
@@ -26,7 +26,6 @@ def imported() -> Iterator[float]:
         with inside(area("VIEW_3D")):
             bpy.ops.unisim.import_log("INVOKE_DEFAULT", filepath=str(OUT.parent / "log"))
         yield from arrived()
-        yield from named()
     else:
         yield from import_dropped()
     from_behind(view()[2])

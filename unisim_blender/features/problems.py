@@ -81,7 +81,10 @@ class UNISIM_OT_show_problem(bpy.types.Operator):
         layout.operator("unisim.copy_text", text="Copy Message", icon="COPYDOWN").text = self.text
         operator, text, icon = REMEDIES.get(self.remedy, ("", "", "NONE"))
         text = interface(text, package=self.remedy) if text else ""
-        button = layout.template_popup_confirm(operator, text=text, icon=icon, cancel_text=interface("Close"))
+        if hasattr(layout, "template_popup_confirm"):
+            button = layout.template_popup_confirm(operator, text=text, icon=icon, cancel_text=interface("Close"))
+        elif operator:  # versions without it have OK and Cancel of their own
+            button = layout.operator(operator, text=text, icon=icon)
         if self.remedy in PACKAGES:
             button.package = self.remedy
 

@@ -100,7 +100,9 @@ class PackageTask(Task):
         """One line for a status bar."""
         name, (done, total) = self.package.name, self.megabytes
         if self.running:
-            return message("{package}: {done:.0f} of {total:.0f} MB", package=name, done=done, total=total)
+            return message(
+                "{package}: {done:.0f} of {total:.0f} MB", package=name, done=done, total=total or self.package.size_mb
+            )
         if self.cancelled:
             return message("{package} is not installed: cancelled", package=name)
         return self.problem or message("{package} is installed", package=name)

@@ -19,13 +19,15 @@ from ...editing.sensors.sweeps import DROPS, RECORDED, SweepPoints
 from ...editing.texts import Text
 from ...registering import Drawing
 from ...translations import localized
-from ...viewport.overlay_layout import WANTED, overlay_layout
+from ...viewport.overlay_layout import WANTED, overlay_layout, write_rows
 from ...viewport.overlays import draw_shapes
 
 SIZE, BEHIND_SIZE = 3.0, 2.0
 """Of a point, and of one behind a surface, an actor's box say, in pixels of an ordinary display."""
-LABEL_M, LABEL_PX = 3.0, 12
-"""Height above the vehicle of the words beside sweeps that are drawn apart, and of their letters."""
+LABEL_M, TEXT = 3.0, (1.0, 1.0, 1.0, 1.0)
+"""Height above the vehicle of the words beside sweeps that are drawn apart, and their colour."""
+LABEL_PX = 12
+"""Height of the legend's letters."""
 
 
 @dataclass
@@ -104,23 +106,19 @@ def draw() -> None:
 
 def draw_legend() -> None:
     """Called by Blender whenever a 3D view is drawn, in the region's pixels."""
-    import blf
-
     context = bpy.context
     scene, region = context.scene, context.region
     shown = shown_points(scene) if context.space_data.overlay.show_overlays else None
     if shown is None:
         return
     scale = context.preferences.system.ui_scale
-    blf.size(0, LABEL_PX * scale)
     ego = next(imported_objects(scene, "EGO"), None)
     if scene.unisim.recorded_offset_m and ego is not None:
         for kind in {sweep.kind for sweep in shown.sweeps} & set(KINDS):
             place = ego.matrix_world.translation + offset(scene, kind) + Vector((0.0, 0.0, LABEL_M))
             at = location_3d_to_region_2d(region, context.space_data.region_3d, place)
             if at is not None:
-                blf.position(0, *at, 0)
-                blf.draw(0, localized(KINDS[kind]))
+                write_rows([localized(KINDS[kind])], at.x, at.y, scale, TEXT)
     box, legend = overlay_layout(context).overlays.get("legend"), shapes_of_legend(context)
     if box is not None and legend is not None:
         draw_shapes(legend[0], np.array([box.left, box.bottom]), scale)
