@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import bpy
 
@@ -116,7 +117,10 @@ def compared_points() -> Iterator[float]:
 def seen_from_above() -> Iterator[float]:
     """The view from above opens with one press, follows the vehicle's direction, and closes with another."""
     birds_eye = sys.modules[f"{MODULE}.features.points.birds_eye"]
-    views = lambda: list(birds_eye.views(bpy.context.scene))  # noqa: E731
+
+    def views() -> list[tuple[Any, Any, Any]]:
+        return list(birds_eye.views(bpy.context.scene))
+
     yield from press("unisim.birds_eye")
     yield from until(lambda: len(views()) == 1, "no view from above opens", 10)
     yield 1.0

@@ -309,8 +309,6 @@ HANDLES = {
     "follow": ("gap_m",),
 }
 """Numbers of a maneuver that handles drag."""
-LATER_S = 4.0
-"""Time after the start at which the handle of what a maneuver comes to is, where it does not end before."""
 STEPS = {"_m": 0.5, "_s": 0.1, "_s2": 0.1}
 """Steps of a number while Ctrl is held, by the end of its name."""
 
@@ -320,9 +318,7 @@ def handle_time(values: Mapping[str, Any], name: str, clock: Clock) -> float:
     start, last = float(values.get("at_s", 0.0)), float(clock.times_s[-1])
     if name == "at_s" or values["type"] == "cross":
         return start
-    if values["type"] in ("brake", "follow"):
-        return last
-    return min(start + float(values.get("duration_s", LATER_S)), last)
+    return min(start + float(values["duration_s"]), last) if "duration_s" in values else last
 
 
 def maneuver_handles(obj: bpy.types.Object, clock: Clock) -> list[tuple[str, FloatArray]]:

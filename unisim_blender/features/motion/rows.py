@@ -43,7 +43,7 @@ PATHS = (
 AHEAD_M, CONES_M, CONES = 8.0, 24.0, 6
 """From the ego vehicle to the first cone, the length of a row of cones, and their number."""
 LANE_EDGE_M = -1.9
-FARTHEST, FAR = 16, 0.1
+FARTHEST, FAR = 16, 0.25
 """Number of places by which a row is moved at most to where its places are free; how many free ones outweigh one."""
 NUMBERS = ("along", "start_m", "end_m", "by_spacing", "count", "spacing_m", "left_m", "end_left_m", "variation_m")
 """Properties of operators that put rows."""
