@@ -10,7 +10,7 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 from mathutils import Matrix, Vector
 
-from ...bridge.changes.maneuvers import Maneuvering, Traffic, best_seen, inserted_at, scenario_id
+from ...bridge.changes.maneuvers import Maneuvering, OtherActors, best_seen, inserted_at, scenario_id
 from ...bridge.objects.imported import class_of, copy_of, imported_objects, source_of
 from ...bridge.objects.meshes import size_of
 from ...bridge.objects.trajectories import keyed_pose
@@ -83,14 +83,14 @@ GROUND_M = 10.0
 """How far ahead of the ego vehicle the ground's height is taken for a new actor."""
 
 
-def traffic_of(obj: bpy.types.Object) -> Traffic:
+def traffic_of(obj: bpy.types.Object) -> OtherActors:
     """Return the ego vehicle and the other actors beside an actor."""
     scene = bpy.context.scene
     recorded = source_of(scene).drive
     clock = Clock.of(recorded)
     others = [other.name for other in imported_objects(scene, "ACTOR") if other != obj and not other.hide_render]
     taken = taken_by(ego_poses(scene, recorded, clock), neighbours(scene, [obj], recorded, clock))
-    return Traffic(["Ego vehicle", *others], *taken)
+    return OtherActors(["Ego vehicle", *others], *taken)
 
 
 class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
