@@ -256,8 +256,13 @@ def test_handles_lie_where_a_number_shows(winding: Any, kind: str) -> None:
     clock = Clock.of(source_of(winding).drive)
     handles = maneuver_handles(obj, clock)
     assert [name for name, _ in handles] == [name for name in HANDLES[kind.lower()] if name in maneuvers(winding)[0]]
-    for name, _ in handles:
+    for name, place in handles:
         before = maneuvers(winding)[0][name]
+        if name != "at_s":
+            assert bpy.ops.unisim.drag_maneuver(number=name, value=before - 0.2) == {"FINISHED"}
+            moved = np.linalg.norm(dict(maneuver_handles(obj, clock))[name] - place)
+            per_unit = {"left_m": (0.9, 1.1), "gap_s": (5.0, 15.0), "deceleration_m_s2": (0.5, 30.0)}[name]
+            assert per_unit[0] < moved / 0.2 < per_unit[1]  # the handle follows the mouse
         assert bpy.ops.unisim.drag_maneuver(number=name, value=before + 0.2) == {"FINISHED"}
         assert maneuvers(winding)[0][name] == pytest.approx(before + 0.2, abs=1e-4)
     (numbers,) = maneuvers(winding)

@@ -103,8 +103,9 @@ class MenuLines:
 
 
 ROW = (
-    "add_parameter compare_variant forget_model go_to go_to_edit hide_rollout look_through mute_edit "
-    "remove_parameter remove_rig revert_edit same_model show_sensor show_variant test_renderer use_frame_range"
+    "add_parameter clear_cache compare_variant forget_model go_to go_to_edit hide_rollout install_package "
+    "look_through mute_edit remove_package remove_parameter remove_rig revert_edit same_model show_sensor "
+    "show_variant test_renderer use_frame_range "
 )
 """Operators of a row of a list or of the preferences."""
 

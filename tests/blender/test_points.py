@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.bridge.views import points as points_module
 from unisim_blender.bridge.views.points import hide_points, kind_of, put_sweep, sweep_of
-from unisim_blender.editing.sensors.sweeps import DROPS, RECORDED, SIMULATED, SweepPoints
+from unisim_blender.editing.sensors.sweeps import DROPS, RECORDED, SIMULATED, ViewedSweep
 from unisim_blender.features.points.clouds import offset, shown_points
 
 
@@ -42,10 +42,10 @@ def test_a_simulated_sweep_stands_in_the_world(street: Any) -> None:
     assert not list(imported_objects(street, "POINTS"))
 
 
-def sweep(kind: str, count: Any = 3, **values: Any) -> SweepPoints:
+def sweep(kind: str, count: Any = 3, **values: Any) -> ViewedSweep:
     """Points at 1 m, 2 m, ... ahead, with some attributes."""
     points = np.arange(1.0, count + 1)[:, None] * [1.0, 0.0, 0.0]
-    return SweepPoints("lidar", kind, points, {name: np.asarray(value) for name, value in values.items()})
+    return ViewedSweep("lidar", kind, points, {name: np.asarray(value) for name, value in values.items()})
 
 
 def test_a_sweep_is_the_same_after_it_was_put_into_a_mesh(street: Any) -> None:

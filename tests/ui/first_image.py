@@ -52,7 +52,7 @@ def first_image() -> Iterator[float]:
     yield from key("NUMPAD_8")
     begun = time.monotonic()
     yield from until(lambda: shown() is not None and shown().stands_in, "nothing stands in", 10)
-    yield from until(lambda: shown().comparison._shown is not None, "the recorded image is not shown", 20)
+    yield from until(lambda: shown().comparison.has_recorded, "the recorded image is not shown", 20)
     results["recorded_s"] = time.monotonic() - begun
     yield 0.5
     assert shown().stands_in and shown().comparison.mode == "RECORDED"
@@ -82,6 +82,7 @@ def stopped() -> Iterator[float]:
     yield from to(*middle(area("VIEW_3D")))
     yield from key("ESC")
     yield from until(lambda: shown().stands_in and not preparation().active, "Esc stops nothing", 10)
+    yield from until(lambda: shown().comparison.has_recorded, "the recorded image is not shown", 20)
     yield 1.0
     share = preparation().share
     screenshot("stopped_by_esc")

@@ -8,7 +8,7 @@ import time
 import bpy
 from bpy.app.handlers import persistent
 
-from ..bridge.window import redraw, redraw_status_bar
+from ..bridge.window import allowed, redraw, redraw_status_bar
 from ..editing.texts import Text
 from ..registering import add, take_away
 from .client import Client, Request
@@ -137,7 +137,8 @@ class UNISIM_OT_stop_preparation(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Something has to be prepared, and Esc is an animation's while it plays."""
-        return PREPARATION.active and not getattr(context.screen, "is_animation_playing", False)
+        playing = getattr(context.screen, "is_animation_playing", False)
+        return allowed(cls, (PREPARATION.active and not playing, "No images are being prepared"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Cancel, and draw the views again."""
@@ -157,7 +158,8 @@ class UNISIM_OT_resume_preparation(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """It has to be stopped, or failed."""
-        return PREPARATION.stopped or bool(PREPARATION.problem)
+        stopped = PREPARATION.stopped or bool(PREPARATION.problem)
+        return allowed(cls, (stopped, "The preparation of images was not stopped"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Have the views ask again."""

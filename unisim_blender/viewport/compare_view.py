@@ -100,7 +100,7 @@ class ImageLabel(NamedTuple):
 
 def preparation_labels(view: Any) -> list[ImageLabel]:
     """Return what stands in for a view's finished image, and how far that is."""
-    recorded, labels = view.stands_in and not view.comparison.lacks, []
+    recorded, labels = view.stands_in and view.comparison.has_recorded, []
     if not (view.stands_in or view.preliminary):
         return []
     if PREPARATION.active or PREPARATION.stopped or PREPARATION.problem:

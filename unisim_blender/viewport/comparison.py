@@ -75,6 +75,11 @@ class ViewComparison:
         return self.waits and self._request is not None and IMAGES.get(self._request) is not None
 
     @property
+    def has_recorded(self) -> bool:
+        """Whether the recorded image is there to be shown."""
+        return self._shown is not None and not self.lacks
+
+    @property
     def needs_render(self) -> bool:
         """Whether the rendered image is shown at all."""
         return bool(self.lacks) or self.options.mode != "RECORDED"

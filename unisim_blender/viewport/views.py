@@ -76,7 +76,9 @@ class ViewportImage:
     fresh: bool = False
     """Whether nothing was drawn yet of what was asked for last."""
     preliminary: bool = False
-    """Whether the image that is there is of preliminary surfels."""
+    """Whether the image that is there is of preliminary surfels, or a part of it."""
+    of_preliminary: bool = False
+    """Whether what comes is."""
     prepared: int = 0
     """Number of finished preparations when it was asked for."""
     log: str = ""
@@ -283,14 +285,15 @@ class ViewportImage:
             self.progress = ""
             self._wait_for_surfels(None)
             if event["event"] == "regions":
-                self.preliminary = event["preliminary"]
-                self.job = None if self.preliminary else self.request.number  # never a part of a finished image
+                self.of_preliminary = event["preliminary"]
+                self.preliminary |= self.of_preliminary
+                self.job = None if self.of_preliminary else self.request.number  # never a part of a finished image
                 self.unfinished = [tuple(region) for region in event["regions"]]
             elif event["event"] == "arrays":
                 self._put(event["prepared"])
             else:
                 self.problem, self.remedy = event.get("text", ""), event.get("remedy", "")
-                self.request = None
+                self.request, self.preliminary = None, self.of_preliminary
                 if self.preliminary and not self.problem:
                     PREPARATION.follow(self.log, None)
                     PREPARATION.begin(self.worker)
@@ -308,13 +311,13 @@ class ViewportImage:
 
     def draw(self, engine: bpy.types.RenderEngine, scene: bpy.types.Scene, region: bpy.types.Region) -> None:
         """Show the image, and the recorded one where that is wanted."""
+        self.comparison.stands_in = self.stands_in
         self.comparison.gather()
         gpu.state.blend_set("ALPHA_PREMULT")
         engine.bind_display_space_shader(scene)
         size = region.width, region.height
         finished = not self.pending and not self.problem and not self.preliminary
         stale = self.pending and self.fresh
-        self.comparison.stands_in = self.stands_in
         with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
             gpu.matrix.load_identity()
             gpu.matrix.load_projection_matrix(exact_pixels(*gpu.state.viewport_get()[2:]))

@@ -18,13 +18,13 @@ from unisim_blender.editing.layout.point_colours import (
     point_colour,
     scale_ends,
 )
-from unisim_blender.editing.sensors.sweeps import DROPS, RECORDED, SIMULATED, SweepPoints
+from unisim_blender.editing.sensors.sweeps import DROPS, RECORDED, SIMULATED, ViewedSweep
 
 
-def sweep(kind: str, **values: object) -> SweepPoints:
+def sweep(kind: str, **values: object) -> ViewedSweep:
     """Points with some attributes."""
     attributes = {name: np.asarray(value) for name, value in values.items()}
-    return SweepPoints("lidar", kind, np.zeros((len(next(iter(attributes.values()))), 3)), attributes)
+    return ViewedSweep("lidar", kind, np.zeros((len(next(iter(attributes.values()))), 3)), attributes)
 
 
 def rgb(colours: NDArray[np.float32]) -> list[list[float]]:
@@ -79,8 +79,8 @@ def test_differences_are_white_at_none_and_beams_of_one_sweep_have_its_colour() 
 
 def test_an_actor_has_one_colour_in_both_sweeps_and_the_legend_names_its_class() -> None:
     values = {"class": np.array([1, 1, 0, 2]), "instance": np.array([5, 9, 0, 8])}
-    one = SweepPoints("lidar", RECORDED, np.zeros((4, 3)), values, ("Car", "Pedestrian"))
-    other = SweepPoints(
+    one = ViewedSweep("lidar", RECORDED, np.zeros((4, 3)), values, ("Car", "Pedestrian"))
+    other = ViewedSweep(
         "lidar", SIMULATED, np.zeros((1, 3)), {"class": np.array([1]), "instance": np.array([5])}, ("Car",)
     )
     (recorded, simulated), legend = coloured([one, other], "INSTANCE")

@@ -17,7 +17,7 @@ from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.scenario.edit import EDITS
-from unisim_blender.core.scenario.motion.maneuvers import FRONT_M, Course, Maneuver, Quintic, smoothed
+from unisim_blender.core.scenario.motion.maneuvers import FRONT_M, DrivenPath, Maneuver, Quintic, smoothed
 from unisim_blender.core.simulation.vehicle.parameters import Vehicle
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.editing.motion.kinematics import is_limited, motion_of
@@ -57,7 +57,7 @@ def only(kind: str, uid: str, at: float, **numbers: Any) -> list[str]:
 
 def ego_coordinates(drive: Drive, uid: str, time_s: float) -> tuple[float, float]:
     """How far an actor's centre is ahead of the ego's front along the ego's path, and to the left of that path."""
-    course = Course.of(drive.world_from_ego)
+    course = DrivenPath.of(drive.world_from_ego)
     assert course is not None
     gone, left, _ = course.nearest(drive.actors[uid].world_from_actor.at(time_s)[:3, 3])
     return gone - float(course.gone(time_s)) - FRONT_M, left
@@ -129,7 +129,7 @@ def test_a_crossing_actor_is_in_front_of_the_ego_at_its_time(side: str, shift_m:
         _, first = ego_coordinates(now, "walker", 0.0)
         assert abs(first) == pytest.approx(6.0, abs=0.6) or at < 4.5
     by_time = edited({**{k: v for k, v in cross.items() if k != "gap_m"}, "gap_s": 1.0})
-    course = Course.of(DRIVE.world_from_ego)
+    course = DrivenPath.of(DRIVE.world_from_ego)
     assert course is not None
     assert ego_coordinates(by_time, "walker", at)[0] == pytest.approx(float(course.speed(at)), abs=0.1)
 

@@ -18,7 +18,7 @@ from unisim_blender.editing.sensors.sweeps import (
     DROPS,
     RECORDED,
     SIMULATED,
-    SweepPoints,
+    ViewedSweep,
     beam_ranges,
     range_differences,
     recorded_sweeps,
@@ -68,16 +68,16 @@ def test_recorded_points_are_of_the_actor_in_whose_box_they_lie(street_log: Path
     assert len(set(labels)) > 1 and ((returns.attributes["instance"].astype(int) > 0) == (numbers > 0)).all()
 
 
-def sweeps_of_five_beams() -> list[SweepPoints]:
+def sweeps_of_five_beams() -> list[ViewedSweep]:
     """Beams 0 to 4: returned in both, at 10 and 9.5 m; in both, at 20 and 20.25 m; recorded alone; dropped in both;
     dropped in the recording alone. Beam 5 is blocked in the recording and returns in the simulation. Beam 0's second
     return has no cell."""
 
-    def sweep(kind: str, cells: list[int], depths: list[float]) -> SweepPoints:
+    def sweep(kind: str, cells: list[int], depths: list[float]) -> ViewedSweep:
         values = {
             "cell": np.array(cells), "depth": np.array(depths, np.float32), "intensity": np.ones(len(cells), np.float32)
         }  # fmt: skip
-        return SweepPoints("lidar", kind, np.zeros((len(cells), 3)), values)
+        return ViewedSweep("lidar", kind, np.zeros((len(cells), 3)), values)
 
     return [
         sweep(RECORDED, [0, 1, 2, -1], [10.0, 20.0, 30.0, 12.0]),
@@ -103,7 +103,7 @@ def test_ranges_of_the_same_beams_are_compared() -> None:
 
 def test_stray_points_are_static_ones_where_the_recorded_beam_passed() -> None:
     recorded, simulated = (
-        SweepPoints("lidar", kind, np.zeros((4, 3)), {
+        ViewedSweep("lidar", kind, np.zeros((4, 3)), {
             "cell": np.arange(4), "depth": np.array(depths), "intensity": np.ones(4), "class": np.array([0, 0, 0, 1])
         })
         for kind, depths in ((RECORDED, [10.0, 10.0, 10.0, 10.0]), (SIMULATED, [8.9, 9.1, 12.0, 3.0]))

@@ -27,7 +27,7 @@ from ..sampling.from_keys import Sampler
 from ..sampling.stepping import shown_names
 
 
-class Traffic(NamedTuple):
+class OtherActors(NamedTuple):
     """What may be in the way: names (A), boxes (A, N, 5) in the plane, and when each is present (A, N)."""
 
     names: list[str]
@@ -92,7 +92,7 @@ class Maneuvering:
         self.obj.unisim.maneuvers = str(note)
         return actor
 
-    def first_clear(self, candidates: Iterable[Values], traffic: Traffic) -> int:
+    def first_clear(self, candidates: Iterable[Values], traffic: OtherActors) -> int:
         """Return which of several maneuvers is the first in which the actor overlaps nothing, else the one in which it does
         at the fewest frames. Raises `UnisimError` where none can be."""
         best, fewest, faults = None, np.inf, []
@@ -111,7 +111,7 @@ class Maneuvering:
             raise faults[0]
         return best
 
-    def first_overlap(self, actor: Actor, traffic: Traffic) -> tuple[str, float] | None:
+    def first_overlap(self, actor: Actor, traffic: OtherActors) -> tuple[str, float] | None:
         """Return the name of what an actor overlaps first, and when; None where that is nothing."""
         met = self._meetings(actor, traffic)
         if not met.any():
@@ -119,7 +119,7 @@ class Maneuvering:
         at = int(met.any(0).argmax())
         return traffic.names[int(met[:, at].argmax())], float(self.context.clock.times_s[at])
 
-    def _meetings(self, actor: Actor, traffic: Traffic) -> BoolArray:
+    def _meetings(self, actor: Actor, traffic: OtherActors) -> BoolArray:
         clock = self.context.clock
         present = recorded_there(actor, self.drive, clock)
         return meetings(recorded_poses(actor, clock), present, actor.size_m, traffic.boxes, traffic.there)

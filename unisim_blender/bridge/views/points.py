@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 import bpy
 import numpy as np
 
-from ...editing.sensors.sweeps import DROPS, RECORDED, SIMULATED, SweepPoints
+from ...editing.sensors.sweeps import DROPS, RECORDED, SIMULATED, ViewedSweep
 from ..objects.imported import collection_of, imported_objects
 
 MAX_CELLS = 400_000
@@ -20,13 +20,13 @@ ABOUT_KEY = "unisim_sweep"
 """A mesh's custom property: the classes that its points' attribute counts, and the frame, as JSON."""
 
 
-def put_sweeps(scene: bpy.types.Scene, sweeps: Iterable[SweepPoints]) -> None:
+def put_sweeps(scene: bpy.types.Scene, sweeps: Iterable[ViewedSweep]) -> None:
     """Show sweeps in place of those that were shown of the same LiDARs and kinds."""
     for sweep in sweeps:
         put_sweep(scene, sweep)
 
 
-def put_sweep(scene: bpy.types.Scene, sweep: SweepPoints) -> bpy.types.Object:
+def put_sweep(scene: bpy.types.Scene, sweep: ViewedSweep) -> bpy.types.Object:
     """Show a sweep in place of the one that was shown of that LiDAR and kind."""
     points = sweep.points
     assert points.ndim == 2 and points.shape[1] == 3, f"points of shape {points.shape}"
@@ -60,7 +60,7 @@ def kind_of(obj: bpy.types.Object) -> str:
     return next(kind for kind in KINDS if obj.unisim.uid.endswith(f" {kind}"))
 
 
-def sweep_of(obj: bpy.types.Object) -> SweepPoints:
+def sweep_of(obj: bpy.types.Object) -> ViewedSweep:
     """Return the sweep that an object shows."""
     mesh, kind = obj.data, kind_of(obj)
     count = len(mesh.vertices)
@@ -74,7 +74,7 @@ def sweep_of(obj: bpy.types.Object) -> SweepPoints:
     if not classes:  # files of earlier versions count other classes
         attributes.pop("class", None)
     lidar = obj.unisim.uid.removesuffix(f" {kind}")
-    return SweepPoints(lidar, kind, points.reshape(-1, 3), attributes, tuple(classes), frame)
+    return ViewedSweep(lidar, kind, points.reshape(-1, 3), attributes, tuple(classes), frame)
 
 
 def hide_points(scene: bpy.types.Scene, kinds: Sequence[str]) -> None:

@@ -21,7 +21,7 @@ from ..sensors.sweeps import (
     SIMULATED,
     STRAY_M,
     BeamRanges,
-    SweepPoints,
+    ViewedSweep,
     beam_ranges,
     range_differences,
     returns_in_the_other,
@@ -81,7 +81,7 @@ class PointLegend:
     lines: tuple[Text, ...]
 
 
-def coloured(sweeps: Sequence[SweepPoints], by: str) -> tuple[list[PointColours], PointLegend]:
+def coloured(sweeps: Sequence[ViewedSweep], by: str) -> tuple[list[PointColours], PointLegend]:
     """Return the colours (N, 4) of each sweep's points, by ONE, INTENSITY, DEPTH, RING, INSTANCE or DIFFERENCE, and their
     legend. Points without what is asked for are grey."""
     ranges = beam_ranges(sweeps)
@@ -101,7 +101,7 @@ def coloured(sweeps: Sequence[SweepPoints], by: str) -> tuple[list[PointColours]
         elif by != "RING":
             lines = [Text("Scale: {low:g}nd to {high:g}th percentile, rounded", low=ENDS[0], high=ENDS[1])]
 
-    def colours_of(sweep: SweepPoints) -> PointColours:
+    def colours_of(sweep: ViewedSweep) -> PointColours:
         if sweep.kind not in SWEEP_COLOURS:
             return drop_colours(sweep, ranges)
         if by == "ONE":
@@ -118,7 +118,7 @@ def coloured(sweeps: Sequence[SweepPoints], by: str) -> tuple[list[PointColours]
     return [colours_of(sweep) for sweep in sweeps], legend
 
 
-def alone(sweep: SweepPoints, ranges: Mapping[str, BeamRanges]) -> BoolArray:
+def alone(sweep: ViewedSweep, ranges: Mapping[str, BeamRanges]) -> BoolArray:
     """Return which points (N,) are of beams that did not return in the other sweep."""
     cells = sweep.attributes.get("cell", np.full(len(sweep.points), -1)).astype(int)
     if sweep.lidar not in ranges:
@@ -127,7 +127,7 @@ def alone(sweep: SweepPoints, ranges: Mapping[str, BeamRanges]) -> BoolArray:
     return (cells >= 0) & known[cells] & ~returns_in_the_other(sweep, ranges)
 
 
-def one_sided(sweeps: Sequence[SweepPoints], ranges: Mapping[str, BeamRanges]) -> list[tuple[RGB, str]]:
+def one_sided(sweeps: Sequence[ViewedSweep], ranges: Mapping[str, BeamRanges]) -> list[tuple[RGB, str]]:
     """Return entries that count the beams that return in one sweep alone."""
     words = {RECORDED: "Only recorded: {count}", SIMULATED: "Only simulated: {count}"}
     counts = Counter({kind: 0 for kind in SWEEP_COLOURS if ranges})
@@ -139,7 +139,7 @@ def one_sided(sweeps: Sequence[SweepPoints], ranges: Mapping[str, BeamRanges]) -
     return [*entries, (GREY, Text("not compared"))]
 
 
-def drop_colours(sweep: SweepPoints, ranges: Mapping[str, BeamRanges]) -> PointColours:
+def drop_colours(sweep: ViewedSweep, ranges: Mapping[str, BeamRanges]) -> PointColours:
     """Return the colours (N, 4) of beams that did not return: opaque where the other sweep has a return, else faint, and
     grey where both are shown."""
     colour = SWEEP_COLOURS[next(kind for kind, drops in DROPS.items() if drops == sweep.kind)]
@@ -148,7 +148,7 @@ def drop_colours(sweep: SweepPoints, ranges: Mapping[str, BeamRanges]) -> PointC
     return np.where(differs[:, None], (*colour, 1.0), (*faint, FAINT)).astype(np.float32)
 
 
-def values_by(sweep: SweepPoints, by: str, ranges: Mapping[str, BeamRanges]) -> FloatArray:
+def values_by(sweep: ViewedSweep, by: str, ranges: Mapping[str, BeamRanges]) -> FloatArray:
     """Return what colours a sweep's points (N,), NaN where there is nothing."""
     if by == "DIFFERENCE":
         return range_differences(sweep, ranges)
@@ -181,7 +181,7 @@ def map_colours(colours: Sequence[RGB], share: FloatArray) -> FloatArray:
     return np.where(np.isfinite(share)[:, None], rgb, GREY)
 
 
-def actor_colours(sweep: SweepPoints) -> FloatArray:
+def actor_colours(sweep: ViewedSweep) -> FloatArray:
     """Return colours (N, 3) by the class of each point's actor, in a shade of its own; grey off the actors."""
     if "class" not in sweep.attributes:
         return np.tile(GREY, (len(sweep.points), 1))
@@ -198,7 +198,7 @@ def point_colour(label: str) -> RGB:
     return red, green, blue
 
 
-def classes_of(sweeps: Sequence[SweepPoints]) -> list[tuple[RGB, str]]:
+def classes_of(sweeps: Sequence[ViewedSweep]) -> list[tuple[RGB, str]]:
     """Return the classes that most points are of, each with its colour and how many actors of it the sweeps hit."""
     points: Counter[str] = Counter()
     hit: dict[str, set[int]] = {}
@@ -212,7 +212,7 @@ def classes_of(sweeps: Sequence[SweepPoints]) -> list[tuple[RGB, str]]:
     return [(point_colour(label), f"{label}: {len(hit[label])}") for label, _ in common]
 
 
-def summary(sweeps: Sequence[SweepPoints], ranges: Mapping[str, BeamRanges]) -> tuple[Text, ...]:
+def summary(sweeps: Sequence[ViewedSweep], ranges: Mapping[str, BeamRanges]) -> tuple[Text, ...]:
     """Return how many points there are, and how far the sweeps are apart, as `unisim eval` counts it."""
     counts = {kind: sum(len(sweep.points) for sweep in sweeps if sweep.kind == kind) for kind in SWEEP_COLOURS}
     shown = {kind for kind in counts if any(sweep.kind == kind for sweep in sweeps)}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ...core.scenario.edits import Brake, Cross, CutIn, Duplicate, Follow, Insert, InsertMesh, LaneChange
+from ...core.scenario.edits import Brake, Cross, CutInManeuver, Duplicate, Follow, Insert, InsertMesh, LaneChange
 from ...core.scenario.motion.maneuvers import Maneuver
 from ..edits.lines import EditLine, joined, line_of, metres, seconds
 from ..edits.reader import GroupReader, ReadContext, register
@@ -68,10 +68,10 @@ def maneuver_words(maneuver: Maneuver) -> str:
         left = translatable("{length} to the left from {time:.1f} s")
         sentence = left if maneuver.left_m > 0 else translatable("{length} to the right from {time:.1f} s")
         return Text(sentence, length=metres(abs(maneuver.left_m)), time=maneuver.at_s)
-    assert isinstance(maneuver, CutIn | Cross)
+    assert isinstance(maneuver, CutInManeuver | Cross)
     gap = Text("{time:.1f} s", time=maneuver.gap_s) if maneuver.gap_s is not None else metres(maneuver.gap_m or 0.0)
     cuts_in, crosses = (
         translatable("Cuts in at {time:.1f} s, {gap} ahead"),
         translatable("Crosses at {time:.1f} s, {gap} ahead"),
     )
-    return Text(cuts_in if isinstance(maneuver, CutIn) else crosses, time=maneuver.at_s, gap=gap)
+    return Text(cuts_in if isinstance(maneuver, CutInManeuver) else crosses, time=maneuver.at_s, gap=gap)

@@ -28,7 +28,7 @@ Attributes = Mapping[str, NDArray[np.generic]]
 
 
 @dataclass(frozen=True)
-class SweepPoints:
+class ViewedSweep:
     """Points (N, 3) of the world of one LiDAR: returns, or beams that did not return at `DROP_M`, by ``kind``.
 
     ``attributes`` (N,) by name: ``intensity``; ``depth``, the range in metres; ``ring``; ``cell``, column * beams +
@@ -45,7 +45,7 @@ class SweepPoints:
     frame: float = 0.0
 
 
-def recorded_sweeps(source: DriveSource, frame: int, drops: bool = False) -> list[SweepPoints]:
+def recorded_sweeps(source: DriveSource, frame: int, drops: bool = False) -> list[ViewedSweep]:
     """Read the recorded returns of a frame, of every LiDAR, from the log's files, with ``drops`` also beams that did not
     return; in any thread."""
     log, sweeps = source.log, []
@@ -53,7 +53,7 @@ def recorded_sweeps(source: DriveSource, frame: int, drops: bool = False) -> lis
         assert log is not None
         if frame not in log.sweep_frames(name):
             kinds = (RECORDED, DROPS[RECORDED]) if drops else (RECORDED,)
-            sweeps += [SweepPoints(name, kind, np.zeros((0, 3)), frame=frame) for kind in kinds]
+            sweeps += [ViewedSweep(name, kind, np.zeros((0, 3)), frame=frame) for kind in kinds]
             continue
         sweep, beams = log.sweep(name, frame), lidar.model.beams
         known = (sweep.ring >= 0) & (sweep.column >= 0) & (beams > 0)
@@ -65,11 +65,11 @@ def recorded_sweeps(source: DriveSource, frame: int, drops: bool = False) -> lis
             "cell": np.where(strongest, sweep.column * beams + sweep.ring, -1),
         }
         numbers, actors = actors_of_points(source.drive, sweep.points, sweep.time_s)
-        sweeps.append(SweepPoints(name, RECORDED, sweep.points, *_with_actors(attributes, numbers, actors), frame))
+        sweeps.append(ViewedSweep(name, RECORDED, sweep.points, *_with_actors(attributes, numbers, actors), frame))
         if drops and (known_drops := with_drops(log, name, frame).drops) is not None:
             cells = np.where(known_drops.ring >= 0, known_drops.column * beams + known_drops.ring, -1)
             points = known_drops.origins + DROP_M * known_drops.directions
-            sweeps.append(SweepPoints(name, DROPS[RECORDED], points, {"cell": cells}, (), frame))
+            sweeps.append(ViewedSweep(name, DROPS[RECORDED], points, {"cell": cells}, (), frame))
     return sweeps
 
 
@@ -80,7 +80,7 @@ def simulated_sweeps(
     actors: Sequence[tuple[str, str]],
     same: bool,
     frame: float = 0.0,
-) -> list[SweepPoints]:
+) -> list[ViewedSweep]:
     """Return the sweep that the worker simulated: ``arrays`` and id and class of the ``actors`` are its own.
 
     ``same``: its beams are the recorded ones (`same_beams`), and can be compared with them.
@@ -93,8 +93,8 @@ def simulated_sweeps(
     points = arrays["dropped_origins"].astype(float) + DROP_M * arrays["dropped_directions"].astype(float)
     attributes, classes = _with_actors(measured, arrays["instance"].astype(np.int64), actors)
     return [
-        SweepPoints(lidar, SIMULATED, arrays["points"].astype(float), attributes, classes, frame),
-        SweepPoints(lidar, DROPS[SIMULATED], points, {"cell": dropped}, (), frame),
+        ViewedSweep(lidar, SIMULATED, arrays["points"].astype(float), attributes, classes, frame),
+        ViewedSweep(lidar, DROPS[SIMULATED], points, {"cell": dropped}, (), frame),
     ]
 
 
@@ -156,7 +156,7 @@ class BeamRanges(NamedTuple):
     drops: bool
 
 
-def beam_ranges(sweeps: Sequence[SweepPoints]) -> dict[str, BeamRanges]:
+def beam_ranges(sweeps: Sequence[ViewedSweep]) -> dict[str, BeamRanges]:
     """Return the ranges of each LiDAR of which some recorded and some simulated beams are the same, of one frame."""
     ranges = {}
     for lidar in {sweep.lidar for sweep in sweeps}:
@@ -187,7 +187,7 @@ def beam_ranges(sweeps: Sequence[SweepPoints]) -> dict[str, BeamRanges]:
     return ranges
 
 
-def range_differences(sweep: SweepPoints, ranges: Mapping[str, BeamRanges]) -> FloatArray:
+def range_differences(sweep: ViewedSweep, ranges: Mapping[str, BeamRanges]) -> FloatArray:
     """Return the recorded minus the simulated range (N,) of the beam of each point, in metres; NaN where only one
     returns, or they are not the same beams."""
     differences = np.full(len(sweep.points), np.nan)
@@ -198,7 +198,7 @@ def range_differences(sweep: SweepPoints, ranges: Mapping[str, BeamRanges]) -> F
     return differences
 
 
-def returns_in_the_other(sweep: SweepPoints, ranges: Mapping[str, BeamRanges]) -> BoolArray:
+def returns_in_the_other(sweep: ViewedSweep, ranges: Mapping[str, BeamRanges]) -> BoolArray:
     """Return whether the beam of each point (N,), of a recorded or simulated sweep, returned in the other one."""
     returned = np.zeros(len(sweep.points), bool)
     if sweep.lidar in ranges:
@@ -211,7 +211,7 @@ def returns_in_the_other(sweep: SweepPoints, ranges: Mapping[str, BeamRanges]) -
 STRAY_M = 1.0
 
 
-def stray_points(sweeps: Sequence[SweepPoints], ranges: Mapping[str, BeamRanges]) -> int:
+def stray_points(sweeps: Sequence[ViewedSweep], ranges: Mapping[str, BeamRanges]) -> int:
     """Return how many simulated points off the actors lie more than `STRAY_M` in front of the recorded return of their
     beam: where the recorded beam passed, there was nothing."""
     return sum(

@@ -13,6 +13,7 @@ from bpy_extras.io_utils import ImportHelper
 from mathutils import Matrix, Quaternion, Vector
 
 from ...bridge.changes.carriers.scale import give_box
+from ...bridge.changes.maneuvers import best_seen
 from ...bridge.changes.motion import move_along, retimed
 from ...bridge.objects.animation import shown_by_keys
 from ...bridge.objects.imported import box_mesh, collection_of, new_actor, source_of
@@ -329,6 +330,8 @@ class UNISIM_OT_swap_class(Needing, bpy.types.Operator):
             size_m = size_of(obj)
             apart = {uid: float(np.linalg.norm(choice.actors[uid].size_m - size_m)) for uid in uids}
             uid = min(uids, key=lambda uid: apart[uid])
+            if self.group in SLOW_GROUPS and not self.scene:  # none is as large as a vehicle
+                uid = best_seen(source_of(context.scene).drive, uids)
             give_look(obj, uid, choice.actors[uid], self.scene)
             if self.group in SLOW_GROUPS:
                 slow_down(obj, habits_of(choice.actors[uid].label).speed_m_s, clock)

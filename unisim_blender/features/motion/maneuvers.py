@@ -10,7 +10,7 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 from mathutils import Matrix, Vector
 
-from ...bridge.changes.maneuvers import Maneuvering, Traffic, best_seen, inserted_at, scenario_id
+from ...bridge.changes.maneuvers import Maneuvering, OtherActors, best_seen, inserted_at, scenario_id
 from ...bridge.objects.imported import class_of, copy_of, imported_objects, source_of
 from ...bridge.objects.meshes import size_of
 from ...bridge.objects.trajectories import keyed_pose
@@ -83,14 +83,14 @@ GROUND_M = 10.0
 """How far ahead of the ego vehicle the ground's height is taken for a new actor."""
 
 
-def traffic_of(obj: bpy.types.Object) -> Traffic:
+def traffic_of(obj: bpy.types.Object) -> OtherActors:
     """Return the ego vehicle and the other actors beside an actor."""
     scene = bpy.context.scene
     recorded = source_of(scene).drive
     clock = Clock.of(recorded)
     others = [other.name for other in imported_objects(scene, "ACTOR") if other != obj and not other.hide_render]
     taken = taken_by(ego_poses(scene, recorded, clock), neighbours(scene, [obj], recorded, clock))
-    return Traffic(["Ego vehicle", *others], *taken)
+    return OtherActors(["Ego vehicle", *others], *taken)
 
 
 class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
@@ -309,8 +309,6 @@ HANDLES = {
     "follow": ("gap_m",),
 }
 """Numbers of a maneuver that handles drag."""
-LATER_S = 4.0
-"""Time after the start at which the handle of what a maneuver comes to is, where it does not end before."""
 STEPS = {"_m": 0.5, "_s": 0.1, "_s2": 0.1}
 """Steps of a number while Ctrl is held, by the end of its name."""
 
@@ -320,9 +318,7 @@ def handle_time(values: Mapping[str, Any], name: str, clock: Clock) -> float:
     start, last = float(values.get("at_s", 0.0)), float(clock.times_s[-1])
     if name == "at_s" or values["type"] == "cross":
         return start
-    if values["type"] in ("brake", "follow"):
-        return last
-    return min(start + float(values.get("duration_s", LATER_S)), last)
+    return min(start + float(values["duration_s"]), last) if "duration_s" in values else last
 
 
 def maneuver_handles(obj: bpy.types.Object, clock: Clock) -> list[tuple[str, FloatArray]]:

@@ -21,7 +21,7 @@ from ...core.actor_images.names import group_of
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
 from ...core.scenario.edits.row import EGO, Row, clear, standing
-from ...core.scenario.motion.maneuvers import Course
+from ...core.scenario.motion.maneuvers import DrivenPath
 from ...core.world.drive import Drive
 from ...editing.edits.lines import metres
 from ...editing.motion.keys import on_plane, stepped
@@ -43,7 +43,7 @@ PATHS = (
 AHEAD_M, CONES_M, CONES = 8.0, 24.0, 6
 """From the ego vehicle to the first cone, the length of a row of cones, and their number."""
 LANE_EDGE_M = -1.9
-FARTHEST, FAR = 16, 0.1
+FARTHEST, FAR = 16, 0.25
 """Number of places by which a row is moved at most to where its places are free; how many free ones outweigh one."""
 NUMBERS = ("along", "start_m", "end_m", "by_spacing", "count", "spacing_m", "left_m", "end_left_m", "variation_m")
 """Properties of operators that put rows."""
@@ -53,9 +53,9 @@ BESIDE_M, PARALLEL = 12.0, 0.9
 """How far from the ego's path, and how parallel to it (a cosine), a car stands that is parked along it."""
 
 
-def along_of(obj: bpy.types.Object, recorded: Drive) -> Course | None:
+def along_of(obj: bpy.types.Object, recorded: Drive) -> DrivenPath | None:
     """Return the ego's path where an object stands beside it and along it."""
-    course, pose = Course.of(recorded.world_from_ego), rigid(np.array(obj.matrix_world, float))
+    course, pose = DrivenPath.of(recorded.world_from_ego), rigid(np.array(obj.matrix_world, float))
     if course is None:
         return None
     gone, left, _ = course.nearest(pose[:3, 3])
@@ -203,7 +203,7 @@ def nearest_driver(obj: bpy.types.Object, recorded: Drive) -> str:
     away = {
         uid: float(np.linalg.norm(actor.world_from_actor.positions - place, axis=1).min())
         for uid, actor in recorded.actors.items()
-        if Course.of(actor.world_from_actor) is not None
+        if DrivenPath.of(actor.world_from_actor) is not None
     }
     if not away:
         raise UnisimError(message("no actor drives"))
@@ -245,7 +245,7 @@ class UNISIM_OT_row_of_cones(PlacesRow, bpy.types.Operator):
             points = np.array(curve_points(context))
             length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
             return {**numbers, "along": "CURVE", "end_m": length, "left_m": 0.0, "end_left_m": 0.0}
-        course, clock = Course.of(recorded.world_from_ego), Clock.of(recorded)
+        course, clock = DrivenPath.of(recorded.world_from_ego), Clock.of(recorded)
         if course is None:
             return {**numbers, "along": "OWN", "left_m": 0.0, "end_left_m": 0.0, "start_m": 2.0, "end_m": 2.0 + CONES_M}
         start_m = float(course.gone(float(clock.time_s(np.array(frame_of(context.scene)))))) + AHEAD_M

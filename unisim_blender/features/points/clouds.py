@@ -15,7 +15,7 @@ from ...bridge.objects.imported import imported_objects
 from ...bridge.views.points import sweep_of
 from ...editing.layout.point_colours import KINDS, PointColours, PointLegend, coloured, legend_shapes
 from ...editing.layout.speed_graph import GraphShapes
-from ...editing.sensors.sweeps import DROPS, RECORDED, SweepPoints
+from ...editing.sensors.sweeps import DROPS, RECORDED, ViewedSweep
 from ...editing.texts import Text
 from ...registering import Drawing
 from ...translations import localized
@@ -36,7 +36,7 @@ class ShownPoints:
     drawn."""
 
     key: tuple[object, ...]
-    sweeps: Sequence[SweepPoints]
+    sweeps: Sequence[ViewedSweep]
     colours: Sequence[PointColours]
     legend: PointLegend
     batches: list[Any] = field(default_factory=list)
@@ -158,7 +158,7 @@ def _shader() -> Any:
         return gpu.shader.from_builtin("FLAT_COLOR")
 
 
-def _batch(sweep: SweepPoints, colours: PointColours) -> Any:
+def _batch(sweep: ViewedSweep, colours: PointColours) -> Any:
     from gpu_extras.batch import batch_for_shader
 
     if not len(sweep.points):

@@ -22,7 +22,7 @@ from ...editing.sensors.sweeps import (
     DROPS,
     RECORDED,
     SIMULATED,
-    SweepPoints,
+    ViewedSweep,
     recorded_sweeps,
     same_beams,
     simulated_sweeps,
@@ -40,7 +40,7 @@ READ_S = 0.02
 """Between two looks whether recorded points have been read."""
 reader = ThreadPoolExecutor(1, thread_name_prefix="unisim-points")
 """Reads one frame at a time."""
-reading: dict[str, Future[list[SweepPoints]]] = {}
+reading: dict[str, Future[list[ViewedSweep]]] = {}
 """Recorded points that are being read, by scene: those of the newest frame."""
 waiting: dict[tuple[str, str], tuple[Client, Request, bool, float]] = {}
 """Sweeps that were asked for, by scene and LiDAR: whether their beams are the recorded ones, and the frame."""

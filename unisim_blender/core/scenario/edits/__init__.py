@@ -18,7 +18,7 @@ from .remove_static import RemoveStatic as RemoveStatic
 from .ego import Ego as Ego
 from .lane_change import LaneChange as LaneChange
 from .brake import Brake as Brake
-from .cut_in import CutIn as CutIn
+from .cut_in import CutInManeuver as CutInManeuver
 from .cross import Cross as Cross
 from .follow import Follow as Follow
 from .row import Row as Row

@@ -15,7 +15,7 @@ from ..json_schema import NUMBER, POSITIVE, TEXT
 from ..motion.maneuvers import (
     FASTER_M_S2,
     SLOWER_M_S2,
-    Course,
+    DrivenPath,
     Maneuver,
     Quintic,
     ease,
@@ -40,7 +40,7 @@ FARTHEST_M = 8.0
 
 @register
 @dataclass(frozen=True)
-class CutIn(Maneuver):
+class CutInManeuver(Maneuver):
     """The actor changes into the ego vehicle's lane from a time on, ends it a gap ahead of the ego's front and keeps that
     or a speed; with a side, it drives in the lane beside until then."""
 
@@ -118,7 +118,7 @@ class CutIn(Maneuver):
         slope = np.where(along - gone < length, aside.at(inside, 1), 0.0)
         return joined(actor, self.at_s, times, places + [0.0, 0.0, up], headings + np.arctan(slope))
 
-    def _from_lane(self, actor: Actor, ego: Course, ahead: float, place: str, context: EditContext) -> Trajectory:
+    def _from_lane(self, actor: Actor, ego: DrivenPath, ahead: float, place: str, context: EditContext) -> Trajectory:
         """Return a trajectory in the lane beside, at the gap of the end or the speed, until it changes."""
         times = frame_times(context)
         left = (self.lane_m or LANE_M) * (1 if self.side == "left" else -1)
@@ -140,16 +140,16 @@ class CutIn(Maneuver):
         places, headings = ego.beside(along[:-1], left * (1 - ease(share)))
         return throughout(times, places + [0.0, 0.0, up], headings + np.arctan(slope))
 
-    def _speed(self, ego: Course, time_s: float) -> float:
+    def _speed(self, ego: DrivenPath, time_s: float) -> float:
         return self.speed_m_s or float(ego.speed(time_s))
 
-    def _target(self, ego: Course, time_s: float, ahead: float) -> float:
+    def _target(self, ego: DrivenPath, time_s: float, ahead: float) -> float:
         """Return the arc length of its centre at the end of the change."""
         gap = self.gap_m if self.gap_s is None else self.gap_s * max(float(ego.speed(time_s)), 1.0)
         assert gap is not None  # one of both is there: the scenario was checked
         return float(ego.gone(time_s)) + ahead + gap
 
-    def _since(self, ego: Course, end_s: float, times_s: FloatArray) -> FloatArray:
+    def _since(self, ego: DrivenPath, end_s: float, times_s: FloatArray) -> FloatArray:
         """Return how far it has gone since the end of the change: at its speed, or as the ego vehicle goes."""
         if self.speed_m_s is not None:
             return np.asarray(self.speed_m_s * (times_s - end_s))

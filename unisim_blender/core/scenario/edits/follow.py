@@ -10,7 +10,7 @@ from ..checks import require
 from ..context import EditContext, current
 from ..edit import register
 from ..json_schema import TEXT
-from ..motion.maneuvers import Course, Maneuver, frame_times, throughout
+from ..motion.maneuvers import DrivenPath, Maneuver, frame_times, throughout
 from ..types import Scenario
 
 
@@ -43,7 +43,7 @@ class Follow(Maneuver):
     def motion(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> Trajectory:
         """Return the trajectory."""
         leader, times = current(drive, self.leader, f"{place}.leader", context), frame_times(context)
-        course = Course.of(leader.world_from_actor)
+        course = DrivenPath.of(leader.world_from_actor)
         require(course is not None, f"{place}.leader", f'"{self.leader}" stands: there is nothing to follow')
         assert course is not None
         behind = self.gap_m + float(leader.size_m[0] + actor.size_m[0]) / 2

@@ -13,7 +13,7 @@ from ..checks import fail, require
 from ..context import EditContext, actor_of, check_new, newcomer, with_actor
 from ..edit import Edit, register
 from ..json_schema import NUMBER, POSITIVE, TEXT, VECTOR
-from ..motion.maneuvers import Course
+from ..motion.maneuvers import DrivenPath
 from ..types import Scenario
 
 EGO = "ego"
@@ -83,7 +83,7 @@ class Row(Edit):
             )
         return drive
 
-    def course(self, origin: FloatArray, drive: Drive, place: str) -> Course:
+    def course(self, origin: FloatArray, drive: Drive, place: str) -> DrivenPath:
         """Return the path of the row of copies of what stands at a pose (4, 4). Raises `ScenarioError` where there is
         none."""
         if self.path is not None:
@@ -95,7 +95,7 @@ class Row(Edit):
         else:
             points = actor_of(drive.actors, self.along, f"{place}.along", "in the log").world_from_actor.positions
         lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1) + 1e-9))
-        course = Course.of(Trajectory(lengths, points, np.tile([1.0, 0.0, 0.0, 0.0], (len(points), 1))))
+        course = DrivenPath.of(Trajectory(lengths, points, np.tile([1.0, 0.0, 0.0, 0.0], (len(points), 1))))
         if course is None:
             fail(f"{place}.along", "this goes nowhere, so nothing can stand along it")
         return course

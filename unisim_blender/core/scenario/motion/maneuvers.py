@@ -1,6 +1,6 @@
 """Maneuvers: motion of an actor from a few numbers, with bounded accelerations and smooth joins.
 
-A `Course` is a trajectory as a smooth path, and the arc length along it over time. A maneuver is a course, the actor's
+A `DrivenPath` is a trajectory as a smooth path, and the arc length along it over time. A maneuver is a course, the actor's
 own or the ego vehicle's, with another arc length over time and a distance to its left. Lateral motion is a quintic
 polynomial of the arc length, so that the heading follows the path at every speed, and longitudinal motion one of time
 (minimum jerk; Flash and Hogan 1985, Werling et al. 2010).
@@ -84,7 +84,7 @@ def smoothed(values: FloatArray, deviation: float) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Course:
+class DrivenPath:
     """A smooth path, vertices (V, 3) at arc lengths (V,) with headings (V,) in radians, and the arc lengths (N,) at which
     something is at times (N,)."""
 
@@ -95,7 +95,7 @@ class Course:
     headings: FloatArray
 
     @staticmethod
-    def of(trajectory: Trajectory) -> Course | None:
+    def of(trajectory: Trajectory) -> DrivenPath | None:
         """Return the course of a trajectory; None where it goes nowhere."""
         first, last = trajectory.times_s[0], trajectory.times_s[-1]
         times = np.linspace(first, last, 1 + max(1, int(np.ceil((last - first) / STEP_S))))
@@ -113,7 +113,7 @@ class Course:
         lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
         ahead = np.gradient(points, lengths, axis=0)
         headings = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))
-        return Course(times, gone * lengths[-1] / along[-1], lengths, points, headings)
+        return DrivenPath(times, gone * lengths[-1] / along[-1], lengths, points, headings)
 
     def gone(self, times_s: FloatArray | float) -> FloatArray:
         """Return the arc lengths (...) at times (...): on at the speeds of both ends beyond them."""
@@ -196,9 +196,9 @@ class Maneuver(Edit):
         return with_actor(drive, replace(actor, world_from_actor=trajectory, start_s=start, end_s=end, is_moving=True))
 
 
-def own_course(actor: Actor, time_s: float, place: str) -> Course:
+def own_course(actor: Actor, time_s: float, place: str) -> DrivenPath:
     """Return the course of an actor that goes somewhere at a time. Raises `ScenarioError`."""
-    course = Course.of(actor.world_from_actor)
+    course = DrivenPath.of(actor.world_from_actor)
     if course is None or course.speed(time_s) < LEAST_M_S:
         fail(f"{place}.at_s", f'"{actor.uid}" stands at {time_s:g} s: this needs an actor that moves')
     require(
@@ -209,9 +209,9 @@ def own_course(actor: Actor, time_s: float, place: str) -> Course:
     return course
 
 
-def ego_course(drive: Drive, place: str) -> Course:
+def ego_course(drive: Drive, place: str) -> DrivenPath:
     """Return the course of the ego vehicle. Raises `ScenarioError` where it goes nowhere."""
-    course = Course.of(drive.world_from_ego)
+    course = DrivenPath.of(drive.world_from_ego)
     if course is None:
         fail(place, "the ego vehicle stands throughout, so it has no path that something could be on")
     return course
