@@ -36,7 +36,7 @@ scene.render.filepath = sys.argv[3]
 scene.render.image_settings.file_format = "PNG"
 bpy.ops.render.render(write_still=True)
 assert bpy.ops.unisim.show_points(recorded=False, simulated=True) == {"FINISHED"}
-(points,) = [o for o in scene.objects if o.unisim.kind == "POINTS"]
+(points,) = [o for o in scene.objects if o.unisim.uid.endswith(" simulated")]
 assert len(points.data.vertices) > 1000
 scene.frame_start, scene.frame_end, scene.unisim.out = 3, 4, sys.argv[4]
 assert bpy.ops.unisim.render_sequence() == {"FINISHED"}
