@@ -1,5 +1,5 @@
 """LiDAR points: the window goes on while they are shown; their colours, legends and dropped beams, and the view from above.
-Run by `run.py`. `UNISIM_UI_LOG` names a log below that Debian's root in place of the sample's scene."""
+Run by `run.py`. With `UNISIM_UI_LOG` they are that log's, in place of the sample's."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from buttons import open_panel, press
 from hands import key, middle, sidebar, to
 from heart import heart
 from pixels import apart, grab, part, region_rectangle
-from session import MODULE, area, from_behind, inside, redraw, results, screenshot, start, until, view
+from session import MODULE, OUT, area, from_behind, inside, redraw, results, screenshot, start, until, view
 from tasks import IMPORTED, arrived, fresh, imported, install, redraw_alone, save_file, task
 
 BEYOND_S = 0.1
@@ -143,10 +143,10 @@ def seen_from_above() -> Iterator[float]:
 
 def steps() -> Iterator[float]:
     """The session."""
-    if log := os.environ.get("UNISIM_UI_LOG"):
+    if os.environ.get("UNISIM_UI_LOG"):
         yield from install()
         with inside(area("VIEW_3D")):
-            bpy.ops.unisim.import_log("INVOKE_DEFAULT", filepath=log)
+            bpy.ops.unisim.import_log("INVOKE_DEFAULT", filepath=str(OUT.parent / "log"))
         yield from arrived()
         yield from sidebar()
         save_file(IMPORTED)
