@@ -67,10 +67,13 @@ def test_every_operator_says_why_it_is_grey(scene: Any) -> None:
                 continue
             if "poll" in vars(cls) or any("poll" in vars(base) for base in cls.__mro__[1:2]):
                 name = cls.bl_idname
-                said.append(name)
                 group, operator = cls.bl_idname.split(".")
+                called = getattr(getattr(bpy.ops, group), operator)
+                if called.poll():  # it needs only that nothing runs
+                    continue
+                said.append(name)
                 with pytest.raises(RuntimeError) as refused:
-                    getattr(getattr(bpy.ops, group), operator)()
+                    called()
                 assert "poll() failed, context is incorrect" not in str(refused.value), name
     assert len(said) > 15
 

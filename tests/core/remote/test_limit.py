@@ -113,14 +113,15 @@ def test_caches_are_measured_and_cleared_but_for_what_is_in_use(
     inputs: Path, source: Callable[[int], str], other: Path
 ) -> None:
     unused = fetched_elsewhere(source(0))
-    surfels = inputs.parent / "surfels"
-    for name in ("digest/points.npy", ".making-1/points.npy"):
+    surfels, digest = inputs.parent / "surfels", 16 * "0a"
+    for name in (f"{digest}/points.npy", f".{digest}-1/points.npy", "night/weights.safetensors"):
         (surfels / name).parent.mkdir(parents=True)
         (surfels / name).write_bytes(b"1" * SIZE)
-    (surfels / "one.npz").write_bytes(b"1")
+    (surfels / f"{digest}.npz").write_bytes(b"1")
     assert cache_sizes()["surfels"] == 2 * SIZE + 1 and 2 * SIZE <= cache_sizes()["inputs"] < 3 * SIZE
     clear_cache()
-    assert [path.name for path in surfels.iterdir()] == [".making-1"], "it is being written"
+    left = sorted(path.name for path in surfels.iterdir())
+    assert left == [f".{digest}-1", "night"], "one is being written, the other is no cache's"
     assert other.exists() and not unused.exists()
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
@@ -81,11 +82,24 @@ def make_room(root: Path, needed: float) -> None:
         _forget(root, dropped)
 
 
+DIGEST = re.compile(r"\.?[0-9a-f]{24,}[.\w-]*")
+"""How entries of caches are named; other files below the caches' folder are somebody else's."""
+
+
 def cache_sizes() -> dict[str, int]:
     """Return the bytes of the user's caches by the names of their folders."""
     root = cache_folder()
     places = [place for place in root.iterdir() if place.is_dir()] if root.is_dir() else []
-    return {place.name: sum(map(_on_disk, place.rglob("*"))) for place in places}
+    entries = {place.name: [place] if place.name == INPUTS else _entries(place) for place in places}
+    return {name: sum(map(_size, made)) for name, made in entries.items() if made}
+
+
+def _entries(place: Path) -> list[Path]:
+    return [entry for entry in place.iterdir() if DIGEST.fullmatch(entry.name)]
+
+
+def _size(path: Path) -> int:
+    return sum(map(_on_disk, path.rglob("*"))) if path.is_dir() else _on_disk(path)
 
 
 def clear_cache() -> None:
@@ -96,7 +110,7 @@ def clear_cache() -> None:
         if name == INPUTS:
             make_room(place, math.inf)
             continue
-        for entry in place.iterdir():
+        for entry in _entries(place):
             if entry.name.startswith(".") or entry.suffix == ".partial":
                 continue
             if entry.is_dir():
