@@ -214,6 +214,8 @@ def test_a_thread_returns_and_raises() -> None:
 class Counting(InSteps):
     """Works through three steps; the third fails where ``fails`` says so."""
 
+    options = SimpleNamespace(is_invoke=False, is_repeat=False)
+
     def __init__(self, fails: Exception | None = None) -> None:
         self.fails, self.said, self.ends = fails, [], []  # type: ignore[var-annotated]
 
