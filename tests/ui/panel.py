@@ -57,6 +57,8 @@ def steady_panel() -> Iterator[float]:
     yield from through_camera(rendered=False)
     scene = bpy.context.scene
     scene.unisim.out = str(OUT.parent / "steady")
+    if hasattr(scene.unisim, "first_steps"):
+        scene.unisim.first_steps = False  # else Check is below what is seen at once
     first: dict[str, Place] = {}
     moved: list[str] = []
     yield from button_places(first)
