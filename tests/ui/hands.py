@@ -358,7 +358,7 @@ def dropped_scenario() -> Iterator[float]:
     assert bpy.context.scene.name != old and not bpy.context.scene.objects
     drop(path)
     yield from until(lambda: bpy.context.scene.camera, "the scenario is not imported")
-    assert edits() == before
+    yield from until(lambda: edits() == before, "the scenario's edits are not applied", 10)
     yield from key("HOME")
     yield 0.5
     screenshot("scenario")
