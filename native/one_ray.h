@@ -185,6 +185,28 @@ UNISIM_DEVICE inline void turn(const double *m, const double *x, float *out) {
         out[a] = static_cast<float>(m[4 * a] * x[0] + m[4 * a + 1] * x[1] + m[4 * a + 2] * x[2]);
 }
 
+// Moves a hit of a copied box to the source (3, 4) of the copy, in the coordinates of the scene's volume. Its rotation
+// then leads from the world's axes at the source to the box's axes, and on to the world's axes at the copy.
+UNISIM_DEVICE inline void move_to_source(const unisim_scene &scene, const double *source, BoxHit &hit) {
+    double world[3], along[3];
+    for (int a = 0; a < 3; ++a) {
+        world[a] = source[4 * a + 3];
+        along[a] = 0;
+        for (int c = 0; c < 3; ++c) {
+            world[a] += source[4 * a + c] * hit.o[c];
+            along[a] += source[4 * a + c] * hit.d[c];
+        }
+    }
+    float rotation[9] = {};
+    transform(scene.volume_from_world, world, hit.o);
+    turn(scene.volume_from_world, along, hit.d);
+    for (int a = 0; a < 3; ++a)
+        for (int c = 0; c < 3; ++c)
+            for (int e = 0; e < 3; ++e)
+                rotation[3 * a + c] += hit.rotation[3 * a + e] * static_cast<float>(source[4 * c + e]);
+    for (int i = 0; i < 9; ++i) hit.rotation[i] = rotation[i];
+}
+
 // Height of the ground at (x, y), volume coordinates: bilinear between the centres of cells.
 UNISIM_DEVICE inline float ground_at(const unisim_scene &s, float x, float y) {
     const float u = std::fmin(std::fmax(x / s.ground_m - 0.5f, 0.0f), static_cast<float>(s.ground_shape[0] - 1));

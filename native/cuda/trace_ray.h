@@ -236,14 +236,14 @@ class RayTracer {
         return depth;
     }
 
-    // Copied boxes are small: even samples, without proposals.
+    // Copied boxes are evaluated at their sources. They are small: even samples, without proposals.
     UNISIM_DEVICE bool sample_copies() {
         if (!in_.active.copies) return true;
         const int begin = segments_;
         if (!enter_boxes(*in_.active.copies, Segment::COPY, 0)) return false;
         for (int i = begin; i < segments_; ++i) {
             Segment &s = work_.segments[i];
-            evaluate_at_source(s.ray);
+            move_to_source(scene_, in_.active.world_from_source + 12 * s.ray.box, s.ray);
             if (!take(s, 2 * how_.samples)) return false;
             for (int k = 0; k < s.count; ++k)
                 s_.t[s_.at(s.first + k)] = s.ray.t_near + (static_cast<float>(k) + 0.5f) / static_cast<float>(s.count) *
@@ -251,29 +251,6 @@ class RayTracer {
             evaluate(s, s.count, true);
         }
         return true;
-    }
-
-    // A segment inside a copied box is evaluated at the source of the copy; its rotation leads from the world's axes
-    // at the source to the box's axes, and on to the world's axes at the copy.
-    UNISIM_DEVICE void evaluate_at_source(BoxHit &hit) const {
-        const double *source = in_.active.world_from_source + 12 * hit.box;
-        double world[3], along[3];
-        for (int a = 0; a < 3; ++a) {
-            world[a] = source[4 * a + 3];
-            along[a] = 0;
-            for (int c = 0; c < 3; ++c) {
-                world[a] += source[4 * a + c] * hit.o[c];
-                along[a] += source[4 * a + c] * hit.d[c];
-            }
-        }
-        float rotation[9] = {};
-        transform(scene_.volume_from_world, world, hit.o);
-        turn(scene_.volume_from_world, along, hit.d);
-        for (int a = 0; a < 3; ++a)
-            for (int c = 0; c < 3; ++c)
-                for (int e = 0; e < 3; ++e)
-                    rotation[3 * a + c] += hit.rotation[3 * a + e] * static_cast<float>(source[4 * c + e]);
-        for (int i = 0; i < 9; ++i) hit.rotation[i] = rotation[i];
     }
 
     UNISIM_DEVICE bool add_meshes() {

@@ -72,30 +72,10 @@ class SegmentBuilder {
         if (!tile_.task.active.copies) return;
         hits_.clear();
         intersect_boxes(*tile_.task.active.copies, tile_.rays, tile_.task.sampling.near_m, hits_);
-        for (const BoxHit &hit : hits_) add_copy(b, hit);
-    }
-
-    // A segment inside a copied box is evaluated at the source of the copy.
-    void add_copy(CopySegments &b, const BoxHit &hit) {
-        const double *source = tile_.task.active.world_from_source + 12 * hit.box;
-        double world[3], along[3];
-        for (int a = 0; a < 3; ++a) {
-            world[a] = source[4 * a + 3];
-            along[a] = 0;
-            for (int c = 0; c < 3; ++c) {
-                world[a] += source[4 * a + c] * hit.o[c];
-                along[a] += source[4 * a + c] * hit.d[c];
-            }
+        for (BoxHit &hit : hits_) { // a segment inside a copied box is evaluated at the source of the copy
+            move_to_source(tile_.scene, tile_.task.active.world_from_source + 12 * hit.box, hit);
+            b.add(hit.ray, hit.o, hit.d, hit.t_near, hit.t_far, hit.rotation);
         }
-        float o[3], d[3], rotation[9] = {};
-        transform(tile_.scene.volume_from_world, world, o);
-        turn(tile_.scene.volume_from_world, along, d);
-        // from the world's axes at the source to the box's axes, and on to the world's axes at the copy
-        for (int a = 0; a < 3; ++a)
-            for (int c = 0; c < 3; ++c)
-                for (int e = 0; e < 3; ++e)
-                    rotation[3 * a + c] += hit.rotation[3 * a + e] * static_cast<float>(source[4 * c + e]);
-        b.add(hit.ray, o, d, hit.t_near, hit.t_far, rotation);
     }
 
     void build_meshes() {
