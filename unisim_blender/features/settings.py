@@ -107,8 +107,6 @@ class UNISIM_OT_install_package(_OfPackage, bpy.types.Operator):
         folder = Path(tempfile.mkdtemp(prefix=".installing-", dir=interpreters.PACKAGES))
         task = PackageTask([], folder, 1.0, package=PACKAGES[self.package])
         launch(task)
-        if bpy.app.background and task.problem:
-            raise UnisimError(task.problem)
         return {"FINISHED"}
 
 

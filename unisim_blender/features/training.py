@@ -6,7 +6,6 @@ import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ..bridge.window import drive
-from ..core.errors import UnisimError
 from ..core.presets import PRESETS
 from ..preferences import device, interpreter
 from ..process.background import curve_icon, launch
@@ -69,8 +68,6 @@ class UNISIM_OT_train(Needing, bpy.types.Operator):
         arguments += ["--resume"] if (folder / "checkpoint.safetensors").is_file() else []
         task = TrainingTask(arguments, folder, self.minutes, interpreter())
         launch(task)
-        if bpy.app.background and task.problem:
-            raise UnisimError(task.problem)
         return {"FINISHED"}
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ..bridge.window import allowed, redraw, redraw_status_bar
+from ..core.errors import UnisimError
 from ..editing.layout.chart import ChartImage, training_chart
 from ..editing.texts import Text
 from ..registering import add, take_away
@@ -155,7 +156,7 @@ def curve_icon() -> int | None:
 
 
 def launch(task: Task) -> None:
-    """Begin a task and watch it; without a window, wait for its end."""
+    """Begin a task and watch it; without a window, wait for its end, and raise `UnisimError` where it failed."""
     scene = bpy.context.scene
     task.file, task.opening, task.scene, task.scene_uid = bpy.data.filepath, openings[0], scene.name, scene.session_uid
     running[:], newest[type(task)] = [task], task
@@ -165,6 +166,8 @@ def launch(task: Task) -> None:
         while task.running:
             time.sleep(POLL_S / 5)
         watch()
+        if task.problem:
+            raise UnisimError(task.problem)
     else:
         # another file may be opened while it runs
         bpy.app.timers.register(watch, first_interval=POLL_S, persistent=True)

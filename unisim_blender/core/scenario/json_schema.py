@@ -10,6 +10,7 @@ Schema = Mapping[str, Any]
 
 NUMBER: Schema = {"type": "number"}
 POSITIVE: Schema = {"type": "number", "exclusiveMinimum": 0}
+NOT_NEGATIVE: Schema = {"type": "number", "minimum": 0}
 FRAME: Schema = {"type": "integer", "minimum": 0}
 PIXELS: Schema = {"type": "integer", "minimum": 1, "maximum": 32768}
 TEXT: Schema = {"type": "string", "minLength": 1, "maxLength": 200}

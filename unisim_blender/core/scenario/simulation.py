@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from .checks import require
-from .json_schema import NUMBER, POSITIVE, TEXT, Schema, members_of, ref
+from .json_schema import NOT_NEGATIVE, NUMBER, POSITIVE, TEXT, Schema, members_of, ref
 
 OTHER_ACTORS = "*"
 """Name of all moving actors that are not named."""
@@ -53,14 +53,17 @@ class SimulationSpec:
     jitter: Jitter | None = None
 
 
-_LEAST: Schema = {"type": "number", "minimum": 0}
 DEFS: dict[str, Schema] = {
     "simulation": members_of(
         {
             "start_s": {**NUMBER, "description": "When it starts. Where missing: at the first frame."},
             "duration_s": {**POSITIVE, "description": "Where missing: to the last frame."},
             "step_s": {"type": "number", "minimum": 0.01, "maximum": 10},
-            "delay_s": {**_LEAST, "maximum": 10, "description": "So much later an answer of the driver takes effect."},
+            "delay_s": {
+                **NOT_NEGATIVE,
+                "maximum": 10,
+                "description": "So much later an answer of the driver takes effect.",
+            },
             "seed": {"type": "integer", "minimum": 0},
             "vehicle": {"type": "object", "description": "Parameters of the ego vehicle."},
             "actors": {
@@ -77,7 +80,7 @@ DEFS: dict[str, Schema] = {
     ),
     "rate": members_of({"period_s": {"type": "number", "minimum": 0.001, "maximum": 1000}, "phase_s": NUMBER}, ()),
     "jitter": members_of(
-        dict.fromkeys(("ego_along_m", "ego_aside_m", "ego_yaw_deg", "ego_speed_m_s", "actors_s"), _LEAST),
+        dict.fromkeys(("ego_along_m", "ego_aside_m", "ego_yaw_deg", "ego_speed_m_s", "actors_s"), NOT_NEGATIVE),
         (),
         "Starts are drawn evenly, up to these values to either side of where they were recorded.",
     ),

@@ -166,8 +166,6 @@ class UNISIM_OT_submit_batch(Simulates, bpy.types.Operator):
         jobs = yield from in_thread(lambda: write_jobs(read, sweeps, folder))
         task = BatchTask(["batch", *map(str, jobs), *arguments], folder, interpreter())
         launch(task)
-        if bpy.app.background and task.problem:
-            raise UnisimError(task.problem)
 
 
 def _options(scene: bpy.types.Scene, selected: Any, driver: str | None) -> Iterator[str]:

@@ -83,8 +83,6 @@ class UNISIM_OT_render_sequence(Needing, AtOnce, ReadsScenes, bpy.types.Operator
         task = SequenceTask(render_arguments(scene, folder, sensors), folder, float(len(wanted)), interpreter())
         task.wanted = wanted
         launch(task)
-        if bpy.app.background and task.problem:
-            raise UnisimError(task.problem)
 
 
 def known_folder(scene: bpy.types.Scene) -> Path | None:
@@ -204,8 +202,6 @@ class UNISIM_OT_make_film(Needing, bpy.types.Operator):
         folder, sensors = output_folder(scene), output_sensors(scene, context.selected_objects, source_of(scene).drive)
         task = FilmTask(["film", str(folder), "--json", *sensor_options(sensors)], folder, 0.0, interpreter())
         launch(task)
-        if bpy.app.background and task.problem:
-            raise UnisimError(task.problem)
         return {"FINISHED"}
 
 

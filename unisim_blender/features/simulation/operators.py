@@ -118,8 +118,6 @@ class Simulates(AtOnce, ReadsScenes):
         task = RolloutTask(arguments, folder, float(total), interpreter())
         about.scored = str(folder)
         launch(task)
-        if bpy.app.background and task.problem:
-            raise UnisimError(task.problem)
 
 
 class UNISIM_OT_simulate(Needing, Simulates, bpy.types.Operator):

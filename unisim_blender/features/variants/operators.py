@@ -293,8 +293,6 @@ class UNISIM_OT_render_variants(AtOnce, ReadsScenes, bpy.types.Operator):
             parts.append(VariantRun(scene.name, arguments, folder, keys))
         task = VariantsTask(parts, root, interpreter())
         launch(task)
-        if bpy.app.background and task.problem:
-            raise UnisimError(task.problem)
 
 
 CLASSES = (

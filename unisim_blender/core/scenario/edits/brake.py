@@ -11,7 +11,7 @@ from ...world.drive import Actor, Drive
 from ..checks import require
 from ..context import EditContext
 from ..edit import register
-from ..json_schema import NUMBER, POSITIVE, TEXT
+from ..json_schema import NOT_NEGATIVE, NUMBER, POSITIVE, TEXT
 from ..motion.maneuvers import RAMP_S, Maneuver, frame_times, joined, own_course
 
 STEP_S = 0.01
@@ -28,8 +28,8 @@ class Brake(Maneuver):
         "actor": TEXT,
         "at_s": NUMBER,
         "deceleration_m_s2": POSITIVE,
-        "speed_m_s": {"type": "number", "minimum": 0},
-        "stands_s": {"type": "number", "minimum": 0},
+        "speed_m_s": NOT_NEGATIVE,
+        "stands_s": NOT_NEGATIVE,
         "acceleration_m_s2": POSITIVE,
     }
 

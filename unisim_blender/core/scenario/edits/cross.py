@@ -11,7 +11,7 @@ from ...world.drive import Actor, Drive
 from ..checks import require
 from ..context import EditContext
 from ..edit import register
-from ..json_schema import NUMBER, POSITIVE, TEXT
+from ..json_schema import NOT_NEGATIVE, NUMBER, POSITIVE, TEXT
 from ..motion.maneuvers import Maneuver, ego_course, ego_front_m, frame_times, throughout
 from ..types import Scenario
 from .cut_in import SIDES
@@ -33,8 +33,8 @@ class Cross(Maneuver):
         "at_s": NUMBER,
         "side": SIDES,
         "speed_m_s": POSITIVE,
-        "gap_s": {"type": "number", "minimum": 0},
-        "gap_m": {"type": "number", "minimum": 0},
+        "gap_s": NOT_NEGATIVE,
+        "gap_m": NOT_NEGATIVE,
         "from_m": POSITIVE,
     }
 

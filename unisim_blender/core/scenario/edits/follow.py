@@ -9,7 +9,7 @@ from ...world.drive import Actor, Drive
 from ..checks import require
 from ..context import EditContext, current
 from ..edit import register
-from ..json_schema import TEXT
+from ..json_schema import NOT_NEGATIVE, TEXT
 from ..motion.maneuvers import DrivenPath, Maneuver, frame_times, throughout
 from ..types import Scenario
 
@@ -23,8 +23,8 @@ class Follow(Maneuver):
     members = {
         "actor": TEXT,
         "leader": TEXT,
-        "gap_s": {"type": "number", "minimum": 0},
-        "gap_m": {"type": "number", "minimum": 0},
+        "gap_s": NOT_NEGATIVE,
+        "gap_m": NOT_NEGATIVE,
     }
 
     leader: str

@@ -12,7 +12,7 @@ from ...world.drive import Actor, Drive
 from ..checks import fail, require
 from ..context import EditContext, actor_of, check_new, newcomer, with_actor
 from ..edit import Edit, register
-from ..json_schema import NUMBER, POSITIVE, TEXT, VECTOR
+from ..json_schema import NOT_NEGATIVE, NUMBER, POSITIVE, TEXT, VECTOR
 from ..motion.maneuvers import DrivenPath
 from ..types import Scenario
 
@@ -43,7 +43,7 @@ class Row(Edit):
         "path": {"type": "array", "items": VECTOR, "minItems": 2},
         "left_m": NUMBER,
         "end_left_m": NUMBER,
-        "variation_m": {"type": "number", "minimum": 0},
+        "variation_m": NOT_NEGATIVE,
     }
     seen_by = "actors"
 

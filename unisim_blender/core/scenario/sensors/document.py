@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..checks import require
-from ..json_schema import NUMBER, PIXELS, POSITIVE, TEXT, Schema, members_of, ref
+from ..json_schema import NOT_NEGATIVE, NUMBER, PIXELS, POSITIVE, TEXT, Schema, members_of, ref
 from ..motion.keys import Keyframe, check_keys
 from ..motion.placement import Offset, Placement, check_rotation
 from ..time_range import Times
@@ -151,11 +151,11 @@ DEFS: dict[str, Schema] = {
             "columns": {"type": "integer", "minimum": 1, "maximum": MAX_COLUMNS},
             "column_azimuth_deg": COLUMNS,
             "column_time_s": COLUMNS,
-            "sweep_s": {"type": "number", "minimum": 0},
+            "sweep_s": NOT_NEGATIVE,
             "start_azimuth_deg": NUMBER,
             "direction": {"enum": [-1, 1]},
             "time_offset_s": NUMBER,
-            "min_range_m": {"type": "number", "minimum": 0},
+            "min_range_m": NOT_NEGATIVE,
             "max_range_m": POSITIVE,
             **PLACE,
         },
