@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import distribution
 from pathlib import Path
+from shutil import copytree
 from typing import Any
 
 import pytest
@@ -53,6 +54,24 @@ def street(scene: Any) -> Any:
     from helpers import SAMPLE
 
     assert bpy.ops.unisim.import_scene(filepath=str(SAMPLE / "scene" / "scene.json")) == {"FINISHED"}
+    return scene
+
+
+@pytest.fixture(scope="session")
+def sample_with_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The sample's scene beside the log it was trained on."""
+    from helpers import SAMPLE
+
+    root = tmp_path_factory.mktemp("sample")
+    write_recipe(root / "out" / "street", seed=0, frames=20, width=160, height=90)
+    copytree(SAMPLE / "scene", root / "sample" / "scene")
+    return root / "sample" / "scene"
+
+
+@pytest.fixture
+def logged_street(scene: Any, sample_with_log: Path) -> Any:
+    """A scene with the sample's trained street imported, its log at hand."""
+    assert bpy.ops.unisim.import_scene(filepath=str(sample_with_log / "scene.json")) == {"FINISHED"}
     return scene
 
 

@@ -36,46 +36,44 @@ def lack(street: Any, view: Any, frame: float = 9.0) -> str:
 
 
 @pytest.fixture
-def front(street: Any) -> Any:
-    if source_of(street).log is None:
-        pytest.skip("the sample's log is not at hand: make demo")
-    return imported(street, "CAMERA", "front_camera")
+def front(logged_street: Any) -> Any:
+    return imported(logged_street, "CAMERA", "front_camera")
 
 
-def test_a_recorded_camera_has_its_image(street: Any, front: Any) -> None:
-    assert lack(street, front) == ""
-    looking, asked, source = request(street, front)
+def test_a_recorded_camera_has_its_image(logged_street: Any, front: Any) -> None:
+    assert lack(logged_street, front) == ""
+    looking, asked, source = request(logged_street, front)
     model = asked.model
     found = placement(source.drive.cameras["front_camera"].model, model)
     assert found is not None and found.place == (0, 0, 480, 270)
 
 
-def test_what_has_none_says_why(street: Any, front: Any) -> None:
-    assert "recorded image of frame 9.5" in lack(street, front, 9.5)
-    assert "recorded image of frame 40" in lack(street, front, 40.0)
-    looking, asked, source = request(street, front)
+def test_what_has_none_says_why(logged_street: Any, front: Any) -> None:
+    assert "recorded image of frame 9.5" in lack(logged_street, front, 9.5)
+    assert "recorded image of frame 40" in lack(logged_street, front, 40.0)
+    looking, asked, source = request(logged_street, front)
     assert "log is not at hand" in lacks_recorded(looking, scenario_to_json(asked.scenario), source.drive, None, 9)
     nobody = SampledObject("viewport", "NONE", "", "", "", "", "", 0, looking.poses, looking.there, looking.camera)
     assert "look through a recorded camera" in lacks_recorded(
         nobody, scenario_to_json(asked.scenario), source.drive, source.log, 9
     )
     copy = front.copy()
-    street.collection.objects.link(copy)
-    assert "added camera" in lack(street, copy)
+    logged_street.collection.objects.link(copy)
+    assert "added camera" in lack(logged_street, copy)
 
 
-def test_a_camera_that_was_moved_has_none(street: Any, front: Any) -> None:
+def test_a_camera_that_was_moved_has_none(logged_street: Any, front: Any) -> None:
     front.location.z += 0.01
-    assert "not where it recorded" in lack(street, front)
+    assert "not where it recorded" in lack(logged_street, front)
     front.location.z -= 0.01
-    assert lack(street, front) == ""
-    imported(street, "EGO", "ego").delta_location.y += 0.5
-    assert "not where it recorded" in lack(street, front)
+    assert lack(logged_street, front) == ""
+    imported(logged_street, "EGO", "ego").delta_location.y += 0.5
+    assert "not where it recorded" in lack(logged_street, front)
 
 
-def test_another_lens_still_shows_the_recorded_image(street: Any, front: Any) -> None:
+def test_another_lens_still_shows_the_recorded_image(logged_street: Any, front: Any) -> None:
     front.data.lens *= 2
-    assert lack(street, front) == ""
+    assert lack(logged_street, front) == ""
 
 
 def test_each_view_has_options_of_its_own(scene: Any) -> None:

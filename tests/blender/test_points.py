@@ -98,27 +98,27 @@ def test_points_are_coloured_again_only_when_something_changed(street: Any) -> N
     assert shown_points(street) is None
 
 
-def test_dropped_beams_are_shown_on_request(street: Any) -> None:
-    street.frame_set(5)
+def test_dropped_beams_are_shown_on_request(logged_street: Any) -> None:
+    logged_street.frame_set(5)
 
     def kinds() -> set[str]:
-        return {kind_of(one) for one in imported_objects(street, "POINTS")}
+        return {kind_of(one) for one in imported_objects(logged_street, "POINTS")}
 
     assert bpy.ops.unisim.show_points(recorded=True, simulated=False) == {"FINISHED"}
-    assert kinds() == {RECORDED} and not street.unisim.show_drops
+    assert kinds() == {RECORDED} and not logged_street.unisim.show_drops
     assert bpy.ops.unisim.show_points(recorded=True, simulated=True, drops=True) == {"FINISHED"}
-    assert kinds() == {RECORDED, SIMULATED, *DROPS.values()} and street.unisim.show_drops
-    shown = shown_points(street)
+    assert kinds() == {RECORDED, SIMULATED, *DROPS.values()} and logged_street.unisim.show_drops
+    shown = shown_points(logged_street)
     assert shown is not None and "drops agree in 9" in shown.legend.lines[-2]
     by_kind = {one.kind: one for one in shown.sweeps}
-    lidar = source_of(street).drive.lidars[by_kind[RECORDED].lidar]
+    lidar = source_of(logged_street).drive.lidars[by_kind[RECORDED].lidar]
     cells = lidar.model.beams * lidar.model.columns
     assert len(by_kind[SIMULATED].points) + len(by_kind[DROPS[SIMULATED]].points) == cells
-    (lidar_object,) = imported_objects(street, "LIDAR")
+    (lidar_object,) = imported_objects(logged_street, "LIDAR")
     lidar_object.location.z += 0.5
     bpy.context.view_layer.update()
     assert bpy.ops.unisim.show_points(recorded=True, simulated=True) == {"FINISHED"}
-    shown = shown_points(street)
+    shown = shown_points(logged_street)
     assert shown is not None and shown.legend.lines[-1] == "Not compared: the beams are not the recorded ones"
     assert bpy.ops.unisim.show_points(recorded=False, simulated=False) == {"FINISHED"}
     assert not kinds()
