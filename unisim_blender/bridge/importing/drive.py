@@ -31,7 +31,7 @@ from ..objects.imported import (
     source_of,
 )
 from ..objects.sensors import camera_model_of, set_model
-from ..objects.trajectories import free, local_matrix, remove, ride, set_on_trajectory, settle_on
+from ..objects.trajectories import free, local_poses, remove, ride, set_on_trajectory, settle_on
 from ..sampling.from_keys import sample_steps
 from .backgrounds import set_background
 
@@ -125,7 +125,7 @@ def import_sensors(scene: bpy.types.Scene, source: DriveSource, names: set[str])
 def front_camera(scene: bpy.types.Scene) -> bpy.types.Object | None:
     """Return the camera of the rig that looks furthest ahead along the vehicle; None where there is none."""
     cameras = [camera for camera in imported_objects(scene, "CAMERA") if not camera.hide_render]
-    return max(cameras, key=lambda camera: -local_matrix(camera, scene.frame_current)[0][2], default=None)
+    return max(cameras, key=lambda camera: -local_poses(camera, [scene.frame_current])[0, 0, 2], default=None)
 
 
 def set_aside(scene: bpy.types.Scene) -> None:
