@@ -30,8 +30,8 @@ from ..sensors.sweeps import (
 )
 from ..texts import Text
 from .chart import ticks
-from .shapes import class_colour
-from .speed_graph import INK, PAPER, GraphShapes
+from .shapes import OverlayShapes, class_colour
+from .speed_graph import INK, PAPER
 
 SWEEP_COLOURS = {RECORDED: (1.0, 0.85, 0.2), SIMULATED: (0.2, 0.8, 1.0)}
 """Of a sweep by its kind, where all of its points have one colour, and of returns and drops that only it has."""
@@ -242,12 +242,12 @@ WIDTH, ROW, MARGIN, BAR = 300, 17, 8, 10
 PIECES = 60
 
 
-def legend_shapes(legend: PointLegend, text_width: Callable[[str], float]) -> tuple[GraphShapes, float, float]:
+def legend_shapes(legend: PointLegend, text_width: Callable[[str], float]) -> tuple[OverlayShapes, float, float]:
     """Return a legend's shapes, and its width and height in pixels; ``text_width`` measures a text."""
     rows = 1 + (2 if legend.bar is not None else 0) + len(legend.entries) + len(legend.lines)
     texts = [legend.title, *(text for _, text in legend.entries), *legend.lines]
     width = max([WIDTH, *(text_width(text) + 2 * MARGIN + ROW for text in texts)])
-    height, shapes = 2.0 * MARGIN + ROW * rows, GraphShapes()
+    height, shapes = 2.0 * MARGIN + ROW * rows, OverlayShapes()
     shapes.box(0, 0, width, height, PAPER)
     y = height - MARGIN - ROW + 4
     shapes.texts.append((legend.title, MARGIN, y, INK))
