@@ -10,6 +10,7 @@ import blf
 import bpy
 import numpy as np
 
+from ..core.geometry import FloatArray
 from ..editing.layout.overlays import OverlayLayout, Rectangle, free_part, lay_out_overlays
 from ..editing.layout.shapes import OverlayShapes
 from ..editing.texts import wrapped
@@ -95,7 +96,10 @@ def measure_at(scale: float) -> Callable[[str], float]:
 
 
 def draw_shapes(
-    shapes: OverlayShapes, corner: Sequence[float] = (0.0, 0.0), scale: float = 1.0, text_scale: float | None = None
+    shapes: OverlayShapes,
+    corner: Sequence[float] | FloatArray = (0.0, 0.0),
+    scale: float = 1.0,
+    text_scale: float | None = None,
 ) -> None:
     """Draw shapes with their lower left at a corner (2,) of the region; ``text_scale`` is that of letters where it is
     another one."""

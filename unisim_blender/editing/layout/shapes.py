@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core.geometry import FloatArray
 from ...core.world.drive import Camera
@@ -53,11 +54,13 @@ class OverlayShapes:
                 side = np.array([-along[1], along[0]]) / length * width / 2
                 self._quad(a - side, b - side, b + side, a + side, colour)
 
-    def arrays(self, corner: Sequence[float] = (0.0, 0.0), scale: float = 1.0) -> tuple[FloatArray, FloatArray]:
+    def arrays(
+        self, corner: Sequence[float] | FloatArray = (0.0, 0.0), scale: float = 1.0
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return the triangles' corners (N, 3), scaled and moved to a lower left corner, and their colours (N, 4)."""
         points = np.zeros((len(self.corners), 3), np.float32)
         points[:, :2] = np.asarray(corner) + scale * np.reshape(self.corners, (-1, 2))
-        return points, np.array(self.colours, np.float32)
+        return points, np.asarray(self.colours, np.float32)
 
     def _quad(
         self, a: Sequence[float], b: Sequence[float], c: Sequence[float], d: Sequence[float], colour: Colour
