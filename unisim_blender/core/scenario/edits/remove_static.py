@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from ...world.drive import Drive
 from ..context import EditContext, box_of, check_box
 from ..edit import Edit, register
-from ..json_schema import TEXT
 from ..types import Scenario
 
 
@@ -17,7 +16,6 @@ class RemoveStatic(Edit):
     """What stands in the box is not there."""
 
     type = "remove_static"
-    members = {"box": TEXT}
     seen_by = "static_items"
 
     box: str
