@@ -109,7 +109,6 @@ class Scenario:
 
     @property
     def log_path(self) -> Path:
-        """The log's folder."""
         return self.resolve(self.log_name)
 
     @property

@@ -39,7 +39,6 @@ class Duplicate(ActorPathEdit):
         self.check_path(place, needed=False)
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """Return the drive with a second actor that looks like the source."""
         source = current(drive, self.actor, f"{place}.actor", context)
         check_new(drive, self.id, place, context)
         if self.has_path:

@@ -35,7 +35,6 @@ class Follow(Maneuver):
         return leader.start_s, leader.end_s
 
     def motion(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> Trajectory:
-        """Return the trajectory."""
         leader, times = current(drive, self.leader, f"{place}.leader", context), frame_times(context)
         course = DrivenPath.of(leader.world_from_actor)
         require(course is not None, f"{place}.leader", f'"{self.leader}" stands: there is nothing to follow')

@@ -21,9 +21,7 @@ class RemoveStatic(Edit):
     box: str
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse a box that is not there."""
         check_box(self.box, scenario, place)
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """Return the drive in which nothing stands in the box."""
         return replace(drive, static_removals=(*drive.static_removals, box_of(self.box, context.scenario)))

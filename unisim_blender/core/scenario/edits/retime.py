@@ -51,7 +51,6 @@ class Retime(Edit):
             )
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """Return the drive with the actor on the same path at other times."""
         actor = current(drive, self.actor, f"{place}.actor", context)
         time_map = self._time_map(place, context)
         start, end = context.presence(None, place)

@@ -94,7 +94,6 @@ class Model(ABC):
         """See `ActorModel.answer`."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form: ``type`` and every member."""
         return {"type": self.type, **parameters_to_json(self)}
 
 

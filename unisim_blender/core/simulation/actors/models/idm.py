@@ -62,18 +62,15 @@ class Idm(Model):
 
     @cached_property
     def driver(self) -> IdmParameters:
-        """The driver's parameters."""
         return IdmParameters(self.headway_s, self.gap_m, self.acceleration_m_s2, self.braking_m_s2, self.exponent)
 
     def start(self, actor: Actor, world: Recording, time_us: int) -> ActorMotion:
-        """Return the recorded state."""
         if actor.uid in world.people:
             replayed = _replay().start(actor, world, time_us)
             return ActorMotion(replayed.state, RecordedMemory(world, people=replayed))
         return ActorMotion(world.state(actor.uid, time_us), RecordedMemory(world))
 
     def answer(self, actor: Actor, motion: ActorMotion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
-        """Return the state after a step by the driver model."""
         memory = motion.memory
         if isinstance(memory, FollowingMemory):
             return self.follow(actor, memory, time_us, step_us)

@@ -44,7 +44,6 @@ class Replay(Model):
     gap_m: Annotated[float, SchemaOf({"type": "number", "minimum": 0, "maximum": 100})] = 0.5
 
     def start(self, actor: Actor, world: Recording, time_us: int) -> ActorMotion:
-        """Return the recorded state."""
         return ActorMotion(world.state(actor.uid, time_us), Walk(world))
 
     def answer(self, actor: Actor, motion: ActorMotion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
