@@ -76,6 +76,3 @@ def default_folder(name: str) -> str:
     """The default folder that the user chose for "logs" or "output", or ""."""
     folder = getattr(_preferences(), f"{name}_folder", "")
     return bpy.path.abspath(folder) if folder else ""
-
-
-CLASSES = (UniSimPreferences,)

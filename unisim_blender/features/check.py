@@ -24,7 +24,6 @@ from ..editing.reading.scenario import unreadable_actors
 from ..editing.sampled.clock import Clock
 from ..editing.sampled.scene import Sampled
 from ..editing.texts import UPPER, Text, cased, packed, unpacked, wrapped
-from ..registering import add, take_away
 from ..translations import interface, localized, message
 from .drive.export_operators import sampled_in_steps
 from .edits.panel import room_of
@@ -86,7 +85,6 @@ def findings_of(sampled: Sampled, drive: Drive, limits: Limits, is_trained: bool
 class UNISIM_OT_check(Needing, AtOnce, bpy.types.Operator):
     """List implausible edits: overlaps, sideways or too fast cars, actors off the ground, far or unseen camera views"""
 
-    bl_idname = "unisim.check"
     bl_label = "Check Edits"
     bl_options = {"REGISTER", "UNDO"}
     needs = (drive,)
@@ -127,7 +125,6 @@ class UNISIM_OT_check(Needing, AtOnce, bpy.types.Operator):
 class UNISIM_OT_go_to(bpy.types.Operator):
     """Go to the frame of a warning, select its object and show it"""
 
-    bl_idname = "unisim.go_to"
     bl_label = "Go to Warning"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -186,7 +183,6 @@ class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
             there.object_name, there.frame, there.place = warning.name, warning.frame, warning.place
 
 
-CLASSES = (UNISIM_OT_check, UNISIM_OT_go_to, UNISIM_PT_warnings)
 HANDLERS = (
     ("depsgraph_update_post", compare_soon),
     ("load_post", compare_all),
@@ -196,13 +192,4 @@ HANDLERS = (
 TIMERS = (compare,)
 
 
-def register() -> None:
-    """Add the operators, and watch for edits."""
-    add(CLASSES)
-    compare_all()
-
-
-def unregister() -> None:
-    """Take them away."""
-    _outdated.clear()
-    take_away(CLASSES)
+register = compare_all

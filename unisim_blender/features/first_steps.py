@@ -85,6 +85,5 @@ def note_render(scene: bpy.types.Scene, *_: object) -> None:
     _rendered.add(scene.name)
 
 
-CLASSES = (UNISIM_PT_first_steps,)
 HANDLERS = (("render_complete", note_render),)
 TIMERS = (note_steps,)

@@ -59,7 +59,6 @@ def draw_problem(layout: Any, text: str, icon: str = "NONE") -> None:
 class UNISIM_OT_show_problem(bpy.types.Operator):
     """Show why it failed, and what can be done"""
 
-    bl_idname = "unisim.show_problem"
     bl_label = "Problem"
     bl_options = {"INTERNAL"}
 
@@ -96,7 +95,6 @@ class UNISIM_OT_show_problem(bpy.types.Operator):
 class UNISIM_OT_copy_text(bpy.types.Operator):
     """Copy the whole message to the clipboard"""
 
-    bl_idname = "unisim.copy_text"
     bl_label = "Copy Message"
     bl_options = {"INTERNAL"}
 
@@ -111,12 +109,8 @@ class UNISIM_OT_copy_text(bpy.types.Operator):
 class UNISIM_OT_show_preferences(bpy.types.Operator):
     """Open the preferences of UniSim: interpreter, optional packages, folders, caches and shortcuts"""
 
-    bl_idname = "unisim.show_preferences"
     bl_label = "UniSim Preferences"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Show them unfolded."""
         return bpy.ops.preferences.addon_show(module=__package__.rpartition(".")[0])
-
-
-CLASSES = (UNISIM_OT_show_problem, UNISIM_OT_copy_text, UNISIM_OT_show_preferences)

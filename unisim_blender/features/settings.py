@@ -18,7 +18,6 @@ from ..preferences import SECTIONS
 from ..process import interpreters
 from ..process.background import launch, newest
 from ..process.packages import PACKAGES, PackageTask, remove
-from ..registering import add, take_away
 from ..translations import interface, localized, message
 from .operator_bases import AtOnce, Needing, in_thread, nothing_runs, reporting
 from .sidebar import draw_task
@@ -77,7 +76,6 @@ class _OfPackage(Needing):
 class UNISIM_OT_install_package(_OfPackage, bpy.types.Operator):
     """Download an optional package from the package index with pip, into the folder of this extension, after a question"""
 
-    bl_idname = "unisim.install_package"
     bl_label = "Install Optional Package"
     bl_options = {"REGISTER"}
 
@@ -113,7 +111,6 @@ class UNISIM_OT_install_package(_OfPackage, bpy.types.Operator):
 class UNISIM_OT_remove_package(_OfPackage, bpy.types.Operator):
     """Delete an optional package from the folder of this extension"""
 
-    bl_idname = "unisim.remove_package"
     bl_label = "Remove Optional Package"
     bl_options = {"REGISTER"}
 
@@ -131,7 +128,6 @@ class UNISIM_OT_remove_package(_OfPackage, bpy.types.Operator):
 class UNISIM_OT_clear_cache(Needing, AtOnce, bpy.types.Operator):
     """Delete prepared surfels, thumbnails, copies of inputs and other results that are made again when they are needed"""
 
-    bl_idname = "unisim.clear_cache"
     bl_label = "Clear Caches"
     bl_options = {"REGISTER"}
     needs = (nothing_runs,)
@@ -147,16 +143,11 @@ class UNISIM_OT_clear_cache(Needing, AtOnce, bpy.types.Operator):
         measure()
 
 
-CLASSES = (UNISIM_OT_install_package, UNISIM_OT_remove_package, UNISIM_OT_clear_cache)
-
-
 def register() -> None:
-    """Add the operator and the sections."""
-    add(CLASSES)
+    """Add the sections."""
     SECTIONS.extend((draw_packages, draw_caches))
 
 
 def unregister() -> None:
     """Take them away."""
     SECTIONS.clear()
-    take_away(CLASSES)

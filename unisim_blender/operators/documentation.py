@@ -93,9 +93,6 @@ def manual_map() -> tuple[str, tuple[tuple[str, str], ...]]:
     return f"{MANUAL.as_uri()}/", tuple((pattern, f"{section}.html") for pattern, section in SECTIONS)
 
 
-CLASSES = ()
-
-
 def register() -> None:
     """Add the manual to Blender's, where it was built."""
     if (MANUAL / f"{INDEX}.html").is_file():

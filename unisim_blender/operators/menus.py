@@ -12,15 +12,17 @@ from bpy.app.handlers import persistent
 from ..bridge.importing.drive import fit_resolution
 from ..editing.texts import translatable
 from ..preferences import SECTIONS
-from ..registering import add, take_away
+from ..registering import Shortcut, keys_of
 
+BOTH = ("ctrl", "alt")
 SHORTCUTS = (
-    ("unisim.duplicate_actor", "D", {"ctrl": True, "alt": True}),
-    ("unisim.retime_actor", "T", {"ctrl": True, "alt": True}),
-    ("unisim.snap_to_ground", "G", {"ctrl": True, "alt": True}),
-    ("unisim.check", "K", {"ctrl": True, "alt": True}),
+    Shortcut("unisim.duplicate_actor", "D", BOTH),
+    Shortcut("unisim.retime_actor", "T", BOTH),
+    Shortcut("unisim.snap_to_ground", "G", BOTH),
+    Shortcut("unisim.check", "K", BOTH),
+    # Blender's default keymap leaves it free in the 3D view's Object Mode, from 4.2 to 5.2
+    Shortcut("wm.call_menu_pie", "E", BOTH, {"name": "UNISIM_MT_pie"}),
 )
-_keys: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
 _active: dict[int, int | None] = {}
 """The camera that was active in each scene at the last look."""
 
@@ -164,7 +166,7 @@ def draw_shortcuts(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
 
     layout.label(text="Shortcuts")
     configuration = context.window_manager.keyconfigs.user
-    for keys, own in _keys:
+    for keys, own in keys_of(__name__):
         keymap = configuration.keymaps.get(keys.name)
         for item in keymap.keymap_items if keymap is not None else ():
             if item.idname == own.idname and getattr(item.properties, "name", "") == getattr(
@@ -191,10 +193,6 @@ def note_cameras(*_: object) -> None:
     """Remember which cameras are active in the scenes of a file."""
     for scene in getattr(bpy.data, "scenes", ()):  # there are none yet while the extension is switched on
         follow_camera(scene)
-
-
-PIE_KEY: tuple[str, dict[str, bool]] = ("E", {"ctrl": True, "alt": True})
-"""Blender's default keymap leaves it free in the 3D view's Object Mode, from 4.2 to 5.2."""
 
 
 @dataclass(frozen=True)
@@ -329,26 +327,18 @@ class UNISIM_MT_maneuver_pie(bpy.types.Menu):
         pie.operator_menu_enum("unisim.swap_class", "group", icon="MOD_INSTANCE")
 
 
-CLASSES = (UNISIM_MT_object, UNISIM_MT_render, UNISIM_MT_view, UNISIM_MT_pie, UNISIM_MT_maneuver_pie)
+MENUS = (
+    (bpy.types.VIEW3D_MT_view, draw_view_menu),
+    (bpy.types.VIEW3D_MT_object, draw_object_menu),
+    (bpy.types.VIEW3D_MT_add, draw_add_menu),
+    (bpy.types.TOPBAR_MT_render, draw_render_menu),
+)
 HANDLERS = (("load_post", note_cameras), ("depsgraph_update_post", follow_camera))
 
 
 def register() -> None:
-    """Add menus and shortcuts."""
-    add(CLASSES)
-    bpy.types.VIEW3D_MT_view.append(draw_view_menu)
-    bpy.types.VIEW3D_MT_object.append(draw_object_menu)
+    """Add the context menu's lines at its top, and the shortcuts to the preferences."""
     bpy.types.VIEW3D_MT_object_context_menu.prepend(draw_context_menu)
-    bpy.types.VIEW3D_MT_add.append(draw_add_menu)
-    bpy.types.TOPBAR_MT_render.append(draw_render_menu)
-    configuration = bpy.context.window_manager.keyconfigs.addon
-    if configuration is not None:  # there is none without a window
-        keys = configuration.keymaps.new(name="Object Mode")
-        for operator, key, modifiers in SHORTCUTS:
-            _keys.append((keys, keys.keymap_items.new(operator, key, "PRESS", **modifiers)))
-        item = keys.keymap_items.new("wm.call_menu_pie", PIE_KEY[0], "PRESS", **PIE_KEY[1])
-        item.properties.name = UNISIM_MT_pie.__name__
-        _keys.append((keys, item))
     SECTIONS.append(draw_shortcuts)
     note_cameras()
 
@@ -358,12 +348,4 @@ def unregister() -> None:
     _active.clear()
     if draw_shortcuts in SECTIONS:
         SECTIONS.remove(draw_shortcuts)
-    while _keys:
-        keys, item = _keys.pop()
-        keys.keymap_items.remove(item)
-    bpy.types.TOPBAR_MT_render.remove(draw_render_menu)
-    bpy.types.VIEW3D_MT_add.remove(draw_add_menu)
     bpy.types.VIEW3D_MT_object_context_menu.remove(draw_context_menu)
-    bpy.types.VIEW3D_MT_object.remove(draw_object_menu)
-    bpy.types.VIEW3D_MT_view.remove(draw_view_menu)
-    take_away(CLASSES)

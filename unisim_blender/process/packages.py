@@ -149,6 +149,4 @@ def remove(package: OptionalPackage) -> None:
     look_into_folders()
 
 
-def register() -> None:
-    """Find the packages that are installed."""
-    look_into_folders()
+register = look_into_folders

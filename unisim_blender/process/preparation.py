@@ -10,7 +10,7 @@ from bpy.app.handlers import persistent
 
 from ..bridge.window import allowed, redraw, redraw_status_bar
 from ..editing.texts import Text
-from ..registering import add, take_away
+from ..registering import Shortcut
 from .client import Client, Request
 
 POLL_S, REPORT_S = 0.25, 1.0
@@ -130,7 +130,6 @@ def watch() -> float | None:
 class UNISIM_OT_stop_preparation(bpy.types.Operator):
     """Stop preparing images of this log; views show recorded images until it is resumed"""
 
-    bl_idname = "unisim.stop_preparation"
     bl_label = "Stop Preparing Images"
     bl_options = {"INTERNAL"}
 
@@ -151,7 +150,6 @@ class UNISIM_OT_stop_preparation(bpy.types.Operator):
 class UNISIM_OT_resume_preparation(bpy.types.Operator):
     """Go on preparing images of this log where that was stopped"""
 
-    bl_idname = "unisim.resume_preparation"
     bl_label = "Resume Preparing Images"
     bl_options = {"INTERNAL"}
 
@@ -175,25 +173,7 @@ def forget(*_: object) -> None:
     PREPARATION.log = ""
 
 
-CLASSES = (UNISIM_OT_stop_preparation, UNISIM_OT_resume_preparation)
 HANDLERS = (("load_post", forget),)
 TIMERS = (watch,)
-_keys: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
-
-
-def register() -> None:
-    """Add the operators, and Esc."""
-    add(CLASSES)
-    configuration = bpy.context.window_manager.keyconfigs.addon
-    if configuration is not None:  # there is none without a window
-        keys = configuration.keymaps.new(name="3D View", space_type="VIEW_3D")
-        _keys.append((keys, keys.keymap_items.new(UNISIM_OT_stop_preparation.bl_idname, "ESC", "PRESS")))
-
-
-def unregister() -> None:
-    """Take them away."""
-    while _keys:
-        keys, item = _keys.pop()
-        keys.keymap_items.remove(item)
-    forget()
-    take_away(CLASSES)
+SHORTCUTS = (Shortcut("unisim.stop_preparation", "ESC", keymap="3D View", editor="VIEW_3D"),)
+unregister = forget

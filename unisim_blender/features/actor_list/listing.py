@@ -233,12 +233,4 @@ HANDLERS = (
 TIMERS = (_turn,)
 
 
-def register() -> None:
-    """Begin to follow."""
-    start_again()
-
-
-def unregister() -> None:
-    """Forget the tables."""
-    _tables.clear()
-    _changed.clear()
+register = start_again

@@ -105,7 +105,6 @@ class UniSimActorList(bpy.types.PropertyGroup):
 class UNISIM_OT_choose_actor(Needing, bpy.types.Operator):
     """Select an actor and make it active"""
 
-    bl_idname = "unisim.choose_actor"
     bl_label = "Select Actor"
     bl_options = {"UNDO", "INTERNAL"}
     needs = (object_mode, drive)
@@ -188,7 +187,6 @@ def in_image(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
 class UNISIM_OT_hide_actor(bpy.types.Operator):
     """Hide or show an actor in the view; images and sweeps are not affected"""
 
-    bl_idname = "unisim.hide_actor"
     bl_label = "Hide Actor in the View"
     bl_options = {"UNDO", "INTERNAL"}
 
@@ -207,7 +205,6 @@ class UNISIM_OT_hide_actor(bpy.types.Operator):
 class UNISIM_OT_clear_actor_filter(bpy.types.Operator):
     """List all actors again"""
 
-    bl_idname = "unisim.clear_actor_filter"
     bl_label = "Clear Filter"
     bl_options = {"INTERNAL"}
 
@@ -228,7 +225,6 @@ class UNISIM_OT_clear_actor_filter(bpy.types.Operator):
 class UNISIM_OT_select_listed(bpy.types.Operator):
     """Select all actors that are listed and visible in the view"""
 
-    bl_idname = "unisim.select_listed"
     bl_label = "Select Listed"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -252,11 +248,4 @@ class UNISIM_OT_select_listed(bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (
-    UniSimActorList,
-    UNISIM_OT_choose_actor,
-    UNISIM_OT_hide_actor,
-    UNISIM_OT_clear_actor_filter,
-    UNISIM_OT_select_listed,
-)
 PROPERTIES = ((bpy.types.WindowManager, "unisim_actors", PointerProperty(type=UniSimActorList)),)

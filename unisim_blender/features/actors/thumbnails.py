@@ -306,18 +306,18 @@ def try_again(*_: object) -> None:
     _problems.clear()
 
 
+HANDLERS = (("load_pre", try_again),)
+TIMERS = (_look,)
+
+
 def register() -> None:
     """Begin to follow."""
     listing.after.append(follow)
-    bpy.app.handlers.load_pre.append(try_again)
 
 
 def unregister() -> None:
     """End all processes and throw the icons away."""
     listing.after.remove(follow)
-    bpy.app.handlers.load_pre.remove(try_again)
-    if bpy.app.timers.is_registered(_look):
-        bpy.app.timers.unregister(_look)
     for maker in _makers.values():
         maker.stop()
     for cache in (_makers, _known, _complete, _problems, _plain, _wanted, _portraits, _rendering):

@@ -131,7 +131,6 @@ def is_driven(context: bpy.types.Context) -> Need:
 class UNISIM_OT_submit_batch(Simulates, bpy.types.Operator):
     """Render the marked variants with all values of the parameters, or drive through them, in the background"""
 
-    bl_idname = "unisim.submit_batch"
     bl_label = "Submit Batch"
     bl_options = {"REGISTER"}
 
@@ -190,7 +189,6 @@ def field_items(self: bpy.types.Operator, context: bpy.types.Context) -> list[tu
 class UNISIM_OT_add_parameter(Needing, bpy.types.Operator):
     """Add a parameter: a field of the scenario that the batch fills with several values"""
 
-    bl_idname = "unisim.add_parameter"
     bl_label = "Add Parameter"
     bl_options = {"REGISTER", "UNDO"}
     bl_property = "at"
@@ -248,7 +246,6 @@ def _said(value: float | str) -> str:
 class UNISIM_OT_remove_parameter(bpy.types.Operator):
     """Remove this parameter"""
 
-    bl_idname = "unisim.remove_parameter"
     bl_label = "Remove Parameter"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -270,7 +267,6 @@ def report_path(scene: bpy.types.Scene) -> Path | None:
 class UNISIM_OT_open_report(bpy.types.Operator):
     """Open the report of the batch in the browser: its variants with images, scores, and filters over parameters"""
 
-    bl_idname = "unisim.open_report"
     bl_label = "Open Report"
     bl_options = {"REGISTER"}
 
@@ -286,6 +282,3 @@ class UNISIM_OT_open_report(bpy.types.Operator):
         path = report_path(context.scene)
         assert path is not None  # the button is grey without
         return bpy.ops.wm.url_open(url=path.as_uri())
-
-
-CLASSES = (UNISIM_OT_submit_batch, UNISIM_OT_add_parameter, UNISIM_OT_remove_parameter, UNISIM_OT_open_report)

@@ -126,7 +126,6 @@ class ReadsScenes(InSteps):
 class UNISIM_OT_export_scenario(Needing, ReadsScenes, bpy.types.Operator, ExportHelper):
     """Write the edits of the scene to a scenario file for the command unisim render"""
 
-    bl_idname = "unisim.export_scenario"
     bl_label = "Export Scenario"
     bl_options = {"REGISTER"}
     needs = (drive,)
@@ -152,7 +151,6 @@ class UNISIM_OT_export_scenario(Needing, ReadsScenes, bpy.types.Operator, Export
 class UNISIM_OT_use_frame_range(bpy.types.Operator):
     """Render and export the frame range of the scene in place of the frames or times that the imported scenario states"""
 
-    bl_idname = "unisim.use_frame_range"
     bl_label = "Use Frame Range"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -171,8 +169,7 @@ class UNISIM_OT_use_frame_range(bpy.types.Operator):
 
 def draw_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """A line in File > Export."""
-    self.layout.operator(UNISIM_OT_export_scenario.bl_idname, text="UniSim Scenario (.json)")
+    self.layout.operator("unisim.export_scenario", text="UniSim Scenario (.json)")
 
 
-CLASSES = (UNISIM_OT_export_scenario, UNISIM_OT_use_frame_range)
 MENUS = ((bpy.types.TOPBAR_MT_file_export, draw_menu),)

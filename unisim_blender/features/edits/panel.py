@@ -127,6 +127,3 @@ def pressed(button: Any, line: EditLine) -> None:
     """Let a button act on a line."""
     button.kind, button.name, button.part = line.key
     button.muted = line.muted
-
-
-CLASSES = (UNISIM_PT_edits,)

@@ -140,12 +140,4 @@ HANDLERS = (
 TIMERS = (_read, _show_stale)
 
 
-def register() -> None:
-    """Begin to watch."""
-    forget()
-
-
-def unregister() -> None:
-    """Forget what was read."""
-    _at.clear()
-    edit_list.forget()
+register = forget

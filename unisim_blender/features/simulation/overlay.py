@@ -54,6 +54,4 @@ def draw() -> None:
 DRAWINGS = (Drawing(draw),)
 
 
-def unregister() -> None:
-    """Forget all rollouts."""
-    forget()
+unregister = forget

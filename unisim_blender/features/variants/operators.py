@@ -124,7 +124,6 @@ class _Named(Needing):
 class UNISIM_OT_new_variant(_Named, bpy.types.Operator):
     """Copy the scene as a new, independent variant of the scenario and show it"""
 
-    bl_idname = "unisim.new_variant"
     bl_label = "New Variant"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -141,7 +140,6 @@ class UNISIM_OT_new_variant(_Named, bpy.types.Operator):
 class UNISIM_OT_rename_variant(_Named, bpy.types.Operator):
     """Rename the shown variant"""
 
-    bl_idname = "unisim.rename_variant"
     bl_label = "Rename Variant"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -160,7 +158,6 @@ class UNISIM_OT_rename_variant(_Named, bpy.types.Operator):
 class UNISIM_OT_delete_variant(bpy.types.Operator):
     """Delete the shown variant with all its objects and keyframes, and show another one"""
 
-    bl_idname = "unisim.delete_variant"
     bl_label = "Delete Variant"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -190,7 +187,6 @@ class UNISIM_OT_delete_variant(bpy.types.Operator):
 class UNISIM_OT_show_variant(Needing, bpy.types.Operator):
     """Show this variant, at the same frame"""
 
-    bl_idname = "unisim.show_variant"
     bl_label = "Show Variant"
     # an undo step, so that the panel of the last operation does not offer to change one of another variant
     bl_options = {"REGISTER", "UNDO"}
@@ -212,7 +208,6 @@ class UNISIM_OT_show_variant(Needing, bpy.types.Operator):
 class UNISIM_OT_compare_variant(bpy.types.Operator):
     """Compare the edits of this variant with those of the shown variant, or end the comparison"""
 
-    bl_idname = "unisim.compare_variant"
     bl_label = "Compare with Shown Variant"
     bl_options = {"REGISTER"}
 
@@ -229,7 +224,6 @@ class UNISIM_OT_compare_variant(bpy.types.Operator):
 class UNISIM_OT_export_variants(Needing, ReadsScenes, bpy.types.Operator):
     """Write every variant as a scenario file into a folder"""
 
-    bl_idname = "unisim.export_variants"
     bl_label = "Export Variants"
     bl_options = {"REGISTER"}
     needs = (drive,)
@@ -258,7 +252,6 @@ class UNISIM_OT_export_variants(Needing, ReadsScenes, bpy.types.Operator):
 class UNISIM_OT_render_variants(AtOnce, ReadsScenes, bpy.types.Operator):
     """Render the marked variants one after another."""
 
-    bl_idname = "unisim.render_variants"
     bl_label = "Render Variants"
     bl_description = (
         "Render the marked variants one after another, each into its own folder in the output folder; "
@@ -293,14 +286,3 @@ class UNISIM_OT_render_variants(AtOnce, ReadsScenes, bpy.types.Operator):
             parts.append(VariantRun(scene.name, arguments, folder, keys))
         task = VariantsTask(parts, root, interpreter())
         launch(task)
-
-
-CLASSES = (
-    UNISIM_OT_new_variant,
-    UNISIM_OT_rename_variant,
-    UNISIM_OT_delete_variant,
-    UNISIM_OT_show_variant,
-    UNISIM_OT_compare_variant,
-    UNISIM_OT_export_variants,
-    UNISIM_OT_render_variants,
-)

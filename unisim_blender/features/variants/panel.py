@@ -116,6 +116,3 @@ def draw_difference(layout: Any, difference: Difference, here: str, there: str, 
                 )
             else:
                 row.label(text=part, translate=False, icon="BLANK1")
-
-
-CLASSES = (UNISIM_PT_variants,)
