@@ -19,7 +19,6 @@ from .sidebar import DrivePanel, row_of
 class UNISIM_OT_shift_ego(Needing, bpy.types.Operator):
     """Displace the trajectory of the ego vehicle and its sensors to the left or right"""
 
-    bl_idname = "unisim.shift_ego"
     bl_label = "Shift Ego Lane"
     bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle)
@@ -49,7 +48,6 @@ PLACES = (
 class UNISIM_OT_ego_body(Needing, bpy.types.Operator):
     """Use the selected mesh objects and their children as the body of the ego vehicle, which sensors on it do not see"""
 
-    bl_idname = "unisim.ego_body"
     bl_label = "Use as Ego Body"
     bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle, selected("Select a mesh object that is not part of the drive yet", "NONE"))
@@ -85,7 +83,6 @@ class UNISIM_OT_ego_body(Needing, bpy.types.Operator):
 class UNISIM_OT_release_ego_body(bpy.types.Operator):
     """Turn the selected ego bodies, or all if none is selected, back into ordinary objects, which no sensor sees"""
 
-    bl_idname = "unisim.release_ego_body"
     bl_label = "Release Ego Body"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -123,6 +120,3 @@ class UNISIM_PT_ego(DrivePanel, bpy.types.Panel):
         column.operator("unisim.ego_body", icon="MESH_MONKEY")
         column.operator("unisim.release_ego_body", icon="X")
         self.layout.operator("unisim.shift_ego", icon="ARROW_LEFTRIGHT")
-
-
-CLASSES = (UNISIM_OT_shift_ego, UNISIM_OT_ego_body, UNISIM_OT_release_ego_body, UNISIM_PT_ego)

@@ -121,7 +121,6 @@ def draw_task(layout: Any, scene: bpy.types.Scene, *kinds: type[Task]) -> None:
         problem_button(layout, interface(task.title), task.problem, task.remedy, interface("Show Problem"))
 
 
-CLASSES = (UNISIM_PT_tasks,)
 PROPERTIES = (
     (
         bpy.types.WindowManager,

@@ -20,7 +20,6 @@ PREVIEW_S = 30.0
 class UNISIM_OT_train(Needing, bpy.types.Operator):
     """Train a neural scene on the imported log, in the background; an unfinished training in the folder is resumed"""
 
-    bl_idname = "unisim.train"
     bl_label = "Train Neural Scene"
     bl_options = {"REGISTER"}
     needs = (drive, nothing_runs)
@@ -66,8 +65,7 @@ class UNISIM_OT_train(Needing, bpy.types.Operator):
         arguments += ["--preview", str(PREVIEW_S)]
         arguments += ["--width", str(self.width)] if self.width else []
         arguments += ["--resume"] if (folder / "checkpoint.safetensors").is_file() else []
-        task = TrainingTask(arguments, folder, self.minutes, interpreter())
-        launch(task)
+        launch(TrainingTask(arguments, folder, self.minutes, interpreter()))
         return {"FINISHED"}
 
 
@@ -87,6 +85,3 @@ class UNISIM_PT_training(DrivePanel, bpy.types.Panel):
         curve = curve_icon()
         if curve is not None:
             layout.template_icon(curve, scale=12.0)
-
-
-CLASSES = (UNISIM_OT_train, UNISIM_PT_training)

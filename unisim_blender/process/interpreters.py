@@ -162,7 +162,6 @@ def report_of(chosen: str) -> str:
 class UNISIM_OT_test_renderer(bpy.types.Operator):
     """Find an interpreter that can render and show its capabilities"""
 
-    bl_idname = "unisim.test_renderer"
     bl_label = "Test Renderer"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -185,6 +184,3 @@ class UNISIM_OT_test_renderer(bpy.types.Operator):
         else:
             bpy.app.timers.register(tell, first_interval=POLL_S, persistent=True)
         return {"FINISHED"}
-
-
-CLASSES = (UNISIM_OT_test_renderer,)

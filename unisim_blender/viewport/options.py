@@ -14,8 +14,6 @@ import bpy
 from bpy.app.handlers import persistent
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty
 
-from ..registering import add, take_away
-
 MODES = (
     ("RENDERED", "Rendered", "The rendered image alone", "SHADING_RENDERED", 0),
     (
@@ -130,18 +128,8 @@ def forget(*_: object) -> None:
     _options.clear()
 
 
-CLASSES = (UniSimView,)
 HANDLERS = (("load_post", forget),)
+PROPERTIES = ((bpy.types.WindowManager, "unisim_view", PointerProperty(type=UniSimView)),)
 
 
-def register() -> None:
-    """Add the options to the window manager, which says nothing of its own about them."""
-    add(CLASSES)
-    bpy.types.WindowManager.unisim_view = PointerProperty(type=UniSimView)
-
-
-def unregister() -> None:
-    """Take them away, and forget all views."""
-    del bpy.types.WindowManager.unisim_view
-    take_away(CLASSES)
-    _options.clear()
+unregister = forget

@@ -177,9 +177,7 @@ HANDLERS = (
 TIMERS = (_settle, _hush)
 
 
-def register() -> None:
-    """Begin to follow."""
-    look_again()
+register = look_again
 
 
 def unregister() -> None:

@@ -1,6 +1,7 @@
 """Operators of the actor list and the presence timeline, and the filter of both."""
 
 import math
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -8,9 +9,9 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 from mathutils import Euler
 
 from ...bridge.objects.imported import imported_objects, source_of
-from ...bridge.window import allowed, choose, drive, object_mode
+from ...bridge.window import choose, drive, object_mode
 from ...core.errors import UnisimError
-from ...editing.actors.table import nearest_present
+from ...editing.actors.table import ActorFilter, nearest_present
 from ...editing.sampled.clock import Clock
 from ...editing.texts import translatable
 from ...translations import message
@@ -105,7 +106,6 @@ class UniSimActorList(bpy.types.PropertyGroup):
 class UNISIM_OT_choose_actor(Needing, bpy.types.Operator):
     """Select an actor and make it active"""
 
-    bl_idname = "unisim.choose_actor"
     bl_label = "Select Actor"
     bl_options = {"UNDO", "INTERNAL"}
     needs = (object_mode, drive)
@@ -188,7 +188,6 @@ def in_image(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
 class UNISIM_OT_hide_actor(bpy.types.Operator):
     """Hide or show an actor in the view; images and sweeps are not affected"""
 
-    bl_idname = "unisim.hide_actor"
     bl_label = "Hide Actor in the View"
     bl_options = {"UNDO", "INTERNAL"}
 
@@ -204,39 +203,34 @@ class UNISIM_OT_hide_actor(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_clear_actor_filter(bpy.types.Operator):
+def is_filtered(manager: bpy.types.WindowManager) -> bool:
+    """Return whether the list leaves actors out."""
+    return replace(listing.filter_of(manager), order="NAME") != ActorFilter()
+
+
+class UNISIM_OT_clear_actor_filter(Needing, bpy.types.Operator):
     """List all actors again"""
 
-    bl_idname = "unisim.clear_actor_filter"
     bl_label = "Clear Filter"
     bl_options = {"INTERNAL"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Something has to be filtered."""
-        about = context.window_manager.unisim_actors
-        filtered = about.text or about.group != "ALL" or about.within_m or about.now or about.edited
-        return allowed(cls, (filtered, "All actors are listed already"))
+    needs = (lambda context: (is_filtered(context.window_manager), "All actors are listed already"),)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """As it is at first."""
         about = context.window_manager.unisim_actors
         about.text, about.group, about.within_m, about.now, about.edited = "", "ALL", 0.0, False, False
         return {"FINISHED"}
 
 
-class UNISIM_OT_select_listed(bpy.types.Operator):
+class UNISIM_OT_select_listed(Needing, bpy.types.Operator):
     """Select all actors that are listed and visible in the view"""
 
-    bl_idname = "unisim.select_listed"
     bl_label = "Select Listed"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Something has to be listed."""
-        listed = listing.table_of(context.scene).shown
-        return allowed(cls, object_mode(context), drive(context), (listed, "No actor is listed: clear the filter"))
+    needs = (
+        object_mode,
+        drive,
+        lambda context: (listing.table_of(context.scene).shown, "No actor is listed: clear the filter"),
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Select them and nothing else."""
@@ -252,11 +246,4 @@ class UNISIM_OT_select_listed(bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (
-    UniSimActorList,
-    UNISIM_OT_choose_actor,
-    UNISIM_OT_hide_actor,
-    UNISIM_OT_clear_actor_filter,
-    UNISIM_OT_select_listed,
-)
 PROPERTIES = ((bpy.types.WindowManager, "unisim_actors", PointerProperty(type=UniSimActorList)),)

@@ -137,6 +137,3 @@ class UNISIM_PT_actors(DrivePanel, bpy.types.Panel):
         row.prop(wanted, "jump", toggle=True)
         row.prop(wanted, "frame", toggle=True)
         layout.operator("unisim.select_listed", icon="RESTRICT_SELECT_OFF")
-
-
-CLASSES = (UNISIM_UL_actors, UNISIM_PT_actors)

@@ -12,12 +12,11 @@ import bpy
 import numpy as np
 
 from ...editing.layout.timeline import Timeline, lay_out, scrolled, shapes_of, size_of
-from ...registering import Drawing, add, take_away
+from ...registering import Drawing, Shortcut
 from ...viewport.overlay_layout import WANTED, draw_shapes, measure_at, overlay_layout
 from . import listing
 
 WHEEL_ROWS = 3
-_keys: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
 
 
 def shown(context: bpy.types.Context) -> bool:
@@ -132,7 +131,6 @@ class UNISIM_GGT_timeline(bpy.types.GizmoGroup):
 class UNISIM_OT_scroll_timeline(bpy.types.Operator):
     """Scroll the presence timeline under the mouse"""
 
-    bl_idname = "unisim.scroll_timeline"
     bl_label = "Scroll Presence Timeline"
     bl_options = {"INTERNAL"}
 
@@ -153,27 +151,9 @@ class UNISIM_OT_scroll_timeline(bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (UNISIM_GT_timeline, UNISIM_GGT_timeline, UNISIM_OT_scroll_timeline)
 DRAWINGS = (Drawing(draw, "POST_PIXEL"),)
-
-
-def register() -> None:
-    """Take clicks and the wheel."""
-    add(CLASSES)
-    WANTED["timeline"] = wanted_size
-    configuration = bpy.context.window_manager.keyconfigs.addon
-    if configuration is not None:  # there is none without a window
-        keys = configuration.keymaps.new(name="3D View", space_type="VIEW_3D")
-        for wheel, rows in (("WHEELUPMOUSE", -WHEEL_ROWS), ("WHEELDOWNMOUSE", WHEEL_ROWS)):
-            item = keys.keymap_items.new(UNISIM_OT_scroll_timeline.bl_idname, wheel, "PRESS")
-            item.properties.rows = rows
-            _keys.append((keys, item))
-
-
-def unregister() -> None:
-    """Take none."""
-    WANTED.pop("timeline", None)
-    while _keys:
-        keys, item = _keys.pop()
-        keys.keymap_items.remove(item)
-    take_away(CLASSES)
+SHORTCUTS = tuple(
+    Shortcut("unisim.scroll_timeline", wheel, properties={"rows": rows}, keymap="3D View", editor="VIEW_3D")
+    for wheel, rows in (("WHEELUPMOUSE", -WHEEL_ROWS), ("WHEELDOWNMOUSE", WHEEL_ROWS))
+)
+WANTED["timeline"] = wanted_size

@@ -244,7 +244,6 @@ def trained(context: bpy.types.Context) -> Need:
 class UNISIM_OT_replace_appearance(Needing, _Chooses, bpy.types.Operator):
     """Replace the appearance and the box of the selected actors by those of another actor, on the same trajectory"""
 
-    bl_idname = "unisim.replace_appearance"
     bl_label = "Replace Appearance"
     bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor first", "ACTOR"), no_mesh)
@@ -303,7 +302,6 @@ SLOW_GROUPS = ("PERSON", "CYCLE")
 class UNISIM_OT_swap_class(Needing, bpy.types.Operator):
     """Replace the selected actors by those of a class that are most like them in size, on their paths, at its speeds"""
 
-    bl_idname = "unisim.swap_class"
     bl_label = "Swap Class"
     bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor first", "ACTOR"), no_mesh)
@@ -398,7 +396,6 @@ def cursor_rotation(scene: bpy.types.Scene) -> Quaternion:
 class UNISIM_OT_insert_actor(Needing, _Chooses, bpy.types.Operator):
     """Insert an actor of the drive or of a trained scene in front of the ego vehicle, or at the 3D cursor"""
 
-    bl_idname = "unisim.insert_actor"
     bl_label = "Insert Actor"
     bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, drive)
@@ -467,7 +464,6 @@ class UNISIM_OT_insert_actor(Needing, _Chooses, bpy.types.Operator):
 class UNISIM_OT_insert_from(Needing, bpy.types.Operator, ImportHelper):
     """Choose another trained scene, and insert one of its actors"""
 
-    bl_idname = "unisim.insert_from"
     bl_label = "Insert from Another Scene"
     bl_options = {"INTERNAL"}
     needs = (object_mode, drive, trained)
@@ -482,6 +478,3 @@ class UNISIM_OT_insert_from(Needing, bpy.types.Operator, ImportHelper):
             self.report({"ERROR"}, str(fault).removeprefix("Error: ").strip())
             return {"CANCELLED"}
         return {"FINISHED"} if answer != {"CANCELLED"} else answer
-
-
-CLASSES = (UNISIM_OT_replace_appearance, UNISIM_OT_swap_class, UNISIM_OT_insert_actor, UNISIM_OT_insert_from)

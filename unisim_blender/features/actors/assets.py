@@ -28,7 +28,6 @@ TAG = "UniSim"
 class UNISIM_OT_make_library(bpy.types.Operator):
     """Write the actors of the trained scene to a .blend file of assets"""
 
-    bl_idname = "unisim.make_library"
     bl_label = "Make Actor Library"
     bl_options = {"REGISTER"}
 
@@ -142,6 +141,3 @@ def set_preview(obj: bpy.types.Object, rgb: NDArray[np.float32], shown: NDArray[
     preview = obj.preview_ensure()
     preview.image_size = rgba.shape[1], rgba.shape[0]
     preview.image_pixels_float.foreach_set(np.ascontiguousarray(rgba, np.float32).ravel())
-
-
-CLASSES = (UNISIM_OT_make_library,)

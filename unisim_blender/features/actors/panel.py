@@ -126,6 +126,3 @@ class UNISIM_PT_static(DrivePanel, bpy.types.Panel):
         column.operator("unisim.mark_static", icon="ADD")
         column.operator("unisim.copy_static", icon="DUPLICATE")
         column.operator("unisim.forget_static", icon="X")
-
-
-CLASSES = (UNISIM_PT_actor, UNISIM_PT_insert, UNISIM_PT_static)

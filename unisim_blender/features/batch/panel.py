@@ -64,6 +64,3 @@ def draw_parameter(column: bpy.types.UILayout, parameter: Any, index: int) -> No
     row.prop(parameter, "start")
     row.prop(parameter, "stop")
     column.prop(parameter, "count")
-
-
-CLASSES = (UNISIM_PT_batch,)

@@ -14,7 +14,7 @@ from ...bridge.objects.imported import source_of
 from ...bridge.objects.settings import captures_stated, models_of, rollout_folder, with_simulation
 from ...bridge.sampling.from_keys import sample_steps
 from ...bridge.sampling.stepping import sample_all
-from ...bridge.window import allowed, drive
+from ...bridge.window import drive
 from ...core.scenario.types import FRAME_FORMATS, SEQUENCE_FORMATS, FrameRange, Outputs, Scenario
 from ...editing.reading.scenario import read_scenario, with_stated, write_scenario
 from ...editing.sampled.clock import Clock
@@ -126,7 +126,6 @@ class ReadsScenes(InSteps):
 class UNISIM_OT_export_scenario(Needing, ReadsScenes, bpy.types.Operator, ExportHelper):
     """Write the edits of the scene to a scenario file for the command unisim render"""
 
-    bl_idname = "unisim.export_scenario"
     bl_label = "Export Scenario"
     bl_options = {"REGISTER"}
     needs = (drive,)
@@ -149,19 +148,15 @@ class UNISIM_OT_export_scenario(Needing, ReadsScenes, bpy.types.Operator, Export
         )
 
 
-class UNISIM_OT_use_frame_range(bpy.types.Operator):
+class UNISIM_OT_use_frame_range(Needing, bpy.types.Operator):
     """Render and export the frame range of the scene in place of the frames or times that the imported scenario states"""
 
-    bl_idname = "unisim.use_frame_range"
     bl_label = "Use Frame Range"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """There has to be something to drop."""
-        return allowed(
-            cls, drive(context), (captures_stated(context.scene), "The frame range is what is rendered already")
-        )
+    needs = (
+        drive,
+        lambda context: (captures_stated(context.scene), "The frame range is what is rendered already"),
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Forget the range that the stated captures hold for."""
@@ -171,8 +166,7 @@ class UNISIM_OT_use_frame_range(bpy.types.Operator):
 
 def draw_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """A line in File > Export."""
-    self.layout.operator(UNISIM_OT_export_scenario.bl_idname, text="UniSim Scenario (.json)")
+    self.layout.operator("unisim.export_scenario", text="UniSim Scenario (.json)")
 
 
-CLASSES = (UNISIM_OT_export_scenario, UNISIM_OT_use_frame_range)
 MENUS = ((bpy.types.TOPBAR_MT_file_export, draw_menu),)

@@ -17,7 +17,7 @@ from ...bridge.changes.variants import delete_variant, show_variant
 from ...bridge.importing.drive import import_source, recorded_colours, set_colours
 from ...bridge.objects.imported import has_drive, skipped_sensors, source_of
 from ...bridge.views.rollouts import actor_names, keep_rollout, mark_rollout, scene_of_rollout
-from ...bridge.window import allowed, areas, drive, fit_camera_view, object_mode, show_tab
+from ...bridge.window import areas, drive, fit_camera_view, object_mode, show_tab
 from ...core.errors import UnisimError
 from ...core.formats.readers import READERS, drive_in, suffixes
 from ...core.meshes.read import mesh_notes
@@ -47,7 +47,6 @@ from ...editing.simulation.rollouts import (
 )
 from ...editing.texts import counted, series, translatable
 from ...preferences import default_folder
-from ...registering import add
 from ...translations import interface, localized, message
 from ...viewport.view_types import follow_soon
 from ..operator_bases import InSteps, Needing, in_thread
@@ -222,7 +221,6 @@ class _ImportsParts:
 class UNISIM_OT_import_log(_ImportsParts, _ImportDrive, bpy.types.Operator):
     """Import the vehicle, sensors and actors of a recorded drive as animated objects"""
 
-    bl_idname = "unisim.import_log"
     bl_label = "Import Driving Log"
     bl_options = {"REGISTER", "INTERNAL"}
 
@@ -239,7 +237,6 @@ class UNISIM_OT_import_log(_ImportsParts, _ImportDrive, bpy.types.Operator):
 class UNISIM_OT_import_scene(_ImportsParts, _ImportDrive, bpy.types.Operator):
     """Import a trained neural scene and its drive, with refined tracklets"""
 
-    bl_idname = "unisim.import_scene"
     bl_label = "Import Trained Neural Scene"
     bl_options = {"REGISTER", "INTERNAL"}
 
@@ -276,7 +273,6 @@ class _ImportScenario(_ImportDrive):
 class UNISIM_OT_import_scenario(_ImportScenario, bpy.types.Operator):
     """Import the drive of a scenario with all its edits"""
 
-    bl_idname = "unisim.import_scenario"
     bl_label = "Import Scenario"
     bl_options = {"REGISTER", "INTERNAL"}
 
@@ -296,7 +292,6 @@ class UNISIM_OT_import_scenario(_ImportScenario, bpy.types.Operator):
 class UNISIM_OT_open_rollout(Needing, _ImportScenario, bpy.types.Operator):
     """Open a rollout's folder: the drive as driven, its collisions as markers, the plans of its driver"""
 
-    bl_idname = "unisim.open_rollout"
     bl_label = "Open Rollout"
     bl_options = {"REGISTER"}
     needs = (object_mode,)
@@ -396,7 +391,6 @@ class UNISIM_FH_image(bpy.types.FileHandler):
 class UNISIM_OT_import_drive(_ImportsParts, bpy.types.Operator):
     """Import a recorded drive, a trained scene, a scenario or a rollout: its folder, a file of it, or the folder around it"""
 
-    bl_idname = "unisim.import_drive"
     bl_label = "Import Drive"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -488,7 +482,6 @@ def sensor_items(self: Any, context: bpy.types.Context) -> list[tuple[str, str, 
 class UNISIM_OT_import_sensors(Needing, bpy.types.Operator):
     """Choose which recorded sensors are imported; edited ones stay"""
 
-    bl_idname = "unisim.import_sensors"
     bl_label = "Imported Sensors"
     bl_options = {"REGISTER"}
     needs = (object_mode, drive)
@@ -520,7 +513,6 @@ class UNISIM_OT_import_sensors(Needing, bpy.types.Operator):
 class UNISIM_OT_locate_log(Needing, InSteps, bpy.types.Operator):
     """Choose the folder in which the log of this drive lies now"""
 
-    bl_idname = "unisim.locate_log"
     bl_label = "Choose Folder of the Log"
     bl_options = {"REGISTER", "UNDO"}
     needs = (drive,)
@@ -528,7 +520,6 @@ class UNISIM_OT_locate_log(Needing, InSteps, bpy.types.Operator):
     directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for it."""
         self.directory = default_folder("logs")
         return self.ask_for_path(context)
 
@@ -546,17 +537,12 @@ class UNISIM_OT_locate_log(Needing, InSteps, bpy.types.Operator):
                 other.unisim.log = str(source.log_path)
 
 
-class UNISIM_OT_recorded_colours(bpy.types.Operator):
+class UNISIM_OT_recorded_colours(Needing, bpy.types.Operator):
     """Show colours as recorded: view transform Standard, look None, exposure 0, gamma 1"""
 
-    bl_idname = "unisim.recorded_colours"
     bl_label = "Show Colours as Recorded"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Colours have to be shown otherwise."""
-        return allowed(cls, (not recorded_colours(context.scene), "Colours are already shown as recorded"))
+    needs = (lambda context: (not recorded_colours(context.scene), "Colours are already shown as recorded"),)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Set the scene's colour management."""
@@ -567,21 +553,9 @@ class UNISIM_OT_recorded_colours(bpy.types.Operator):
 def draw_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """A line in File > Import."""
     self.layout.operator_context = "INVOKE_DEFAULT"
-    self.layout.operator(UNISIM_OT_import_drive.bl_idname, text="Drive, Scene, Scenario or Rollout")
+    self.layout.operator("unisim.import_drive", text="Drive, Scene, Scenario or Rollout")
 
 
-CLASSES = (
-    UNISIM_OT_import_log,
-    UNISIM_OT_import_scene,
-    UNISIM_OT_import_scenario,
-    UNISIM_OT_open_rollout,
-    UNISIM_OT_import_drive,
-    UNISIM_OT_import_sensors,
-    UNISIM_OT_locate_log,
-    UNISIM_OT_recorded_colours,
-    UNISIM_FH_json,
-    UNISIM_FH_image,
-)
 MENUS = ((bpy.types.TOPBAR_MT_file_import, draw_menu),)
 
 
@@ -594,8 +568,7 @@ def file_extensions() -> str:
 
 
 def register() -> None:
-    """Add the operators. Readers of other packages are looked for anew."""
+    """Look anew for readers of other packages: their files can be dropped, too."""
     importlib.invalidate_caches()  # the folder that they are in may not have been there when Blender started
     READERS.forget_plugins()
     UNISIM_FH_json.bl_file_extensions = file_extensions()
-    add(CLASSES)

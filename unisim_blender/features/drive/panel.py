@@ -77,6 +77,3 @@ class UNISIM_PT_show(DrivePanel, bpy.types.Panel):
         beside.enabled = about.show_recorded
         beside.prop(about, "recorded_offset_m")
         layout.operator("unisim.birds_eye", icon="VIEW_ORTHO")
-
-
-CLASSES = (UNISIM_PT_drive, UNISIM_PT_show)

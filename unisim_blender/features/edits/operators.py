@@ -48,7 +48,6 @@ class _OfEdit(Needing):
 class UNISIM_OT_go_to_edit(_OfEdit, bpy.types.Operator):
     """Select the object and go to a frame at which the edit shows"""
 
-    bl_idname = "unisim.go_to_edit"
     bl_label = "Go to Edit"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -89,7 +88,6 @@ class UNISIM_OT_go_to_edit(_OfEdit, bpy.types.Operator):
 class UNISIM_OT_revert_edit(_OfEdit, bpy.types.Operator):
     """Revert the edit: the object returns to its imported state, a copied or inserted object is deleted"""
 
-    bl_idname = "unisim.revert_edit"
     bl_label = "Revert Edit"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -107,7 +105,6 @@ class UNISIM_OT_revert_edit(_OfEdit, bpy.types.Operator):
 class UNISIM_OT_mute_edit(_OfEdit, bpy.types.Operator):
     """Mute or unmute the edit; a muted edit is kept in the file and ignored in images, sweeps and scenarios"""
 
-    bl_idname = "unisim.mute_edit"
     bl_label = "Mute Edit"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -133,6 +130,3 @@ class UNISIM_OT_mute_edit(_OfEdit, bpy.types.Operator):
                 said = message("{unmuted}; muted instead: {others}", unmuted=said, others=others)
             self.report({"INFO"}, said)
         reading_of(scene).mark()
-
-
-CLASSES = (UNISIM_OT_go_to_edit, UNISIM_OT_revert_edit, UNISIM_OT_mute_edit)

@@ -161,7 +161,6 @@ class Dragged:
 class UNISIM_OT_drag_ego(Needing, Dragged, bpy.types.Operator):
     """Drag the ego vehicle with its sensors sideways into another lane, alike at every time"""
 
-    bl_idname = "unisim.drag_ego"
     bl_label = "Shift Ego Lane"
     needs = (object_mode, vehicle)
 
@@ -195,7 +194,6 @@ class UNISIM_OT_drag_ego(Needing, Dragged, bpy.types.Operator):
 class UNISIM_OT_drag_trajectory(Needing, Dragged, bpy.types.Operator):
     """Drag the active actor's trajectory in the ground plane."""
 
-    bl_idname = "unisim.drag_trajectory"
     bl_label = "Displace Trajectory"
     bl_description = (
         "Drag the active actor's trajectory at this time in the ground plane; "
@@ -251,7 +249,6 @@ class UNISIM_OT_drag_trajectory(Needing, Dragged, bpy.types.Operator):
 class UNISIM_OT_drag_speed(Needing, Dragged, bpy.types.Operator):
     """Drag the active actor's speed at this time; it stays on its path, and speeds before and after it blend in and out"""
 
-    bl_idname = "unisim.drag_speed"
     bl_label = "Change Speed"
     needs = (object_mode, moving_actor)
 
@@ -360,7 +357,6 @@ class _Aimed:
 class UNISIM_OT_aim_sensor(_Aimed, bpy.types.Operator):
     """Turn the active camera or LiDAR on its mount, by yaw and pitch from the vehicle's axis"""
 
-    bl_idname = "unisim.aim_sensor"
     bl_label = "Aim Sensor"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -380,7 +376,6 @@ class UNISIM_OT_aim_sensor(_Aimed, bpy.types.Operator):
 class UNISIM_OT_drag_aim(_Aimed, Dragged, bpy.types.Operator):
     """Drag to aim the active sensor: its mount rotates by yaw and pitch"""
 
-    bl_idname = "unisim.drag_aim"
     bl_label = "Aim Sensor"
 
     def begin(self, context: bpy.types.Context) -> None:
@@ -414,12 +409,3 @@ def ray(context: bpy.types.Context, mouse: FloatArray) -> tuple[FloatArray, Floa
     return np.array(region_2d_to_origin_3d(region, looks, at), float), np.array(
         region_2d_to_vector_3d(region, looks, at), float
     )
-
-
-CLASSES = (
-    UNISIM_OT_drag_ego,
-    UNISIM_OT_drag_trajectory,
-    UNISIM_OT_drag_speed,
-    UNISIM_OT_aim_sensor,
-    UNISIM_OT_drag_aim,
-)

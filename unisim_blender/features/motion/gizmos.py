@@ -303,6 +303,4 @@ def draw_switches(self: bpy.types.Panel, context: bpy.types.Context) -> None:
         below.prop(context.scene.unisim_motion, "gizmos_in_cameras")
 
 
-GROUPS = (UNISIM_GGT_lane, UNISIM_GGT_trajectory, UNISIM_GGT_speed, UNISIM_GGT_aim)
-CLASSES = (UNISIM_GT_dot, UNISIM_GT_arrow, UNISIM_GT_speed, *GROUPS)
 MENUS = ((bpy.types.VIEW3D_PT_gizmo_display, draw_switches),)

@@ -96,7 +96,6 @@ def traffic_of(obj: bpy.types.Object) -> OtherActors:
 class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
     """Let the active actor, or a new one, do a maneuver; numbers can be changed afterwards (F9)"""
 
-    bl_idname = "unisim.maneuver"
     bl_label = "Maneuver"
     bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, drive)
@@ -340,7 +339,6 @@ ABOVE_M = 0.7
 class UNISIM_OT_drag_maneuver(Needing, Dragged, bpy.types.Operator):
     """Drag a number of the active actor's maneuver: its gap, distance or deceleration, or when it begins"""
 
-    bl_idname = "unisim.drag_maneuver"
     bl_label = "Change Maneuver"
     needs = (object_mode, selected("Select an actor first", "ACTOR"))
 
@@ -445,4 +443,3 @@ class UNISIM_GGT_maneuver(GizmosInView, bpy.types.GizmoGroup):
 
 COLOUR, HANDLE = (1.0, 0.45, 0.1), 0.13
 """Of handles of maneuvers."""
-CLASSES = (UNISIM_OT_maneuver, UNISIM_OT_drag_maneuver, UNISIM_GGT_maneuver)

@@ -89,7 +89,6 @@ def actor_habits(obj: bpy.types.Object, drive: Drive) -> Habits:
 class UNISIM_OT_follow_curve(FromTime, Braking, bpy.types.Operator):
     """Move the selected actors along the selected curve, from a time on, and stop them at its end"""
 
-    bl_idname = "unisim.follow_curve"
     bl_label = "Follow Curve"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -157,7 +156,6 @@ class UNISIM_OT_follow_curve(FromTime, Braking, bpy.types.Operator):
 class UNISIM_OT_snap_to_ground(Needing, bpy.types.Operator):
     """Place the selected actors and static items on the ground below them, at the current frame"""
 
-    bl_idname = "unisim.snap_to_ground"
     bl_label = "Snap to Ground"
     bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor or a static item first", "ACTOR", "STATIC"))
@@ -199,7 +197,6 @@ NEEDED = {
 class UNISIM_OT_retime_actor(FromTime, Braking, Needing, bpy.types.Operator):
     """Change when the selected actors are where on their trajectories"""
 
-    bl_idname = "unisim.retime_actor"
     bl_label = "Retime Actor"
     bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor first", "ACTOR"))
@@ -288,7 +285,6 @@ class UNISIM_OT_retime_actor(FromTime, Braking, Needing, bpy.types.Operator):
 class UNISIM_OT_shift_actor(Needing, bpy.types.Operator):
     """Shift the selected actors sideways, along the path of their trajectory and in time, alike at every time"""
 
-    bl_idname = "unisim.shift_actor"
     bl_label = "Shift Actor"
     bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor first", "ACTOR"))
@@ -343,11 +339,3 @@ class UNISIM_OT_shift_actor(Needing, bpy.types.Operator):
             summary = message("{sentence} (and {count} more)", sentence=summary, count=len(said) - 1)
         self.report({"INFO"}, summary)
         return {"FINISHED"}
-
-
-CLASSES = (
-    UNISIM_OT_follow_curve,
-    UNISIM_OT_snap_to_ground,
-    UNISIM_OT_retime_actor,
-    UNISIM_OT_shift_actor,
-)

@@ -81,16 +81,11 @@ def draw() -> None:
         draw_shapes(grip(graph, *held), corner, scale)
 
 
+WANTED["graph"] = lambda context: None if shown_graph(context) is None else (WIDTH, HEIGHT)
 DRAWINGS = (Drawing(draw, "POST_PIXEL"),)
-
-
-def register() -> None:
-    """Have a place for the graph."""
-    WANTED["graph"] = lambda context: None if shown_graph(context) is None else (WIDTH, HEIGHT)
 
 
 def unregister() -> None:
     """Forget the newest graph."""
-    WANTED.pop("graph", None)
     _newest.clear()
     grips.clear()

@@ -81,5 +81,4 @@ def graph_of(context: bpy.types.Context) -> MotionComparison | None:
 
 
 NAMES = ("acceleration_m_s2", "lateral_m_s2", "curvature_1_m")
-CLASSES = (UniSimMotion,)
 PROPERTIES = ((bpy.types.Scene, "unisim_motion", PointerProperty(type=UniSimMotion)),)

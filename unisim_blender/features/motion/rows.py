@@ -227,7 +227,6 @@ def row_words(row: Row, count: int) -> Text:
 class UNISIM_OT_row_of_cones(PlacesRow, bpy.types.Operator):
     """Put cones, copies of one of the drive or of the selected item, in a row beside the ego vehicle's path or a curve"""
 
-    bl_idname = "unisim.row_of_cones"
     bl_label = "Row of Cones"
 
     def found(self, context: bpy.types.Context, recorded: Drive) -> bpy.types.Object | None:
@@ -274,7 +273,6 @@ def is_cone(obj: bpy.types.Object, recorded: Drive) -> bool:
 class UNISIM_OT_parked_row(PlacesRow, bpy.types.Operator):
     """Put copies of the selected car that stands in a row along the kerb, a little different from each other"""
 
-    bl_idname = "unisim.parked_row"
     bl_label = "Parked Row"
     back = FARTHEST
 
@@ -305,7 +303,6 @@ def in_row(context: bpy.types.Context) -> Need:
 class UNISIM_OT_drag_row(Needing, Dragged, bpy.types.Operator):
     """Drag the end of the active actor's row along its path and aside"""
 
-    bl_idname = "unisim.drag_row"
     bl_label = "Change Row"
     needs = (object_mode, in_row)
 
@@ -407,6 +404,3 @@ class UNISIM_GGT_row(GizmosInView, bpy.types.GizmoGroup):
         if in_row(context)[0]:
             for handle, place in zip(self.handles, ends(context), strict=True):
                 handle.matrix_basis = Matrix.Translation(Vector(place))
-
-
-CLASSES = (UNISIM_OT_row_of_cones, UNISIM_OT_parked_row, UNISIM_OT_drag_row, UNISIM_GGT_row)

@@ -66,7 +66,6 @@ def width_options(scene: bpy.types.Scene) -> list[str]:
 class UNISIM_OT_render_sequence(Needing, AtOnce, ReadsScenes, bpy.types.Operator):
     """Render the sensors over the frame range into the output folder, in the background; finished frames are kept"""
 
-    bl_idname = "unisim.render_sequence"
     bl_label = "Render Sequence"
     bl_options = {"REGISTER"}
     needs = (drive, nothing_runs)
@@ -113,7 +112,6 @@ def folder_known(context: bpy.types.Context) -> Need:
 class UNISIM_OT_open_output(bpy.types.Operator):
     """Open the output folder in the system's file browser"""
 
-    bl_idname = "unisim.open_output"
     bl_label = "Open Folder"
     bl_options = {"REGISTER"}
 
@@ -134,7 +132,6 @@ class UNISIM_OT_open_output(bpy.types.Operator):
 class UNISIM_OT_play_result(bpy.types.Operator):
     """Play the rendered images of a camera in Blender's animation player"""
 
-    bl_idname = "unisim.play_result"
     bl_label = "Play Result"
     bl_options = {"REGISTER"}
 
@@ -175,10 +172,6 @@ class FilmTask(Task):
         """Take how many of how many frames are done."""
         self.done, self.total = event.get("done", self.done), event.get("total", self.total)
 
-    def measure(self) -> str:
-        """Frames of how many."""
-        return message("{done} of {total} frames", done=int(self.done), total=int(self.total))
-
 
 def sequence_finished(context: bpy.types.Context) -> Need:
     """The output folder holds a finished sequence."""
@@ -190,7 +183,6 @@ def sequence_finished(context: bpy.types.Context) -> Need:
 class UNISIM_OT_make_film(Needing, bpy.types.Operator):
     """Write a film of the finished sequence, in the background: Sensors of it side by side, LiDARs from above"""
 
-    bl_idname = "unisim.make_film"
     bl_label = "Make Film"
     bl_options = {"REGISTER"}
     needs = (drive, folder_known, sequence_finished, nothing_runs)
@@ -215,7 +207,6 @@ def film_of(scene: bpy.types.Scene) -> Path | None:
 class UNISIM_OT_open_film(bpy.types.Operator):
     """Open the film of the sequence: MP4, or where the renderer's Python lacks imageio-ffmpeg a page for the browser"""
 
-    bl_idname = "unisim.open_film"
     bl_label = "Open Film"
     bl_options = {"REGISTER"}
 
@@ -227,12 +218,3 @@ class UNISIM_OT_open_film(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """As Blender opens files."""
         return bpy.ops.wm.path_open(filepath=str(film_of(context.scene)))
-
-
-CLASSES = (
-    UNISIM_OT_render_sequence,
-    UNISIM_OT_open_output,
-    UNISIM_OT_play_result,
-    UNISIM_OT_make_film,
-    UNISIM_OT_open_film,
-)

@@ -122,6 +122,3 @@ class UNISIM_PT_render(bpy.types.Panel):
         layout.use_property_split, layout.use_property_decorate = True, False
         layout.prop(context.scene.unisim, "quality")
         layout.prop(context.scene.unisim, "contact_shadows")
-
-
-CLASSES = (UNISIM_PT_output, UNISIM_PT_passes, UNISIM_PT_formats, UNISIM_PT_render)

@@ -65,7 +65,6 @@ def fit_cameras() -> None:
 class UNISIM_OT_birds_eye(Needing, bpy.types.Operator):
     """Open a view from above beside this one, which follows the ego vehicle, or close it"""
 
-    bl_idname = "unisim.birds_eye"
     bl_label = "Bird's-Eye View"
     needs = (drive,)
 
@@ -94,6 +93,5 @@ class UNISIM_OT_birds_eye(Needing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (UNISIM_OT_birds_eye,)
 HANDLERS = (("frame_change_post", follow),)
 TIMERS = (fit_cameras,)

@@ -29,7 +29,6 @@ from ...editing.sensors.sweeps import (
 )
 from ...preferences import device, interpreter
 from ...process.client import Client, Request, client, progress_line
-from ...registering import add, take_away
 from ...translations import localized
 from ..operator_bases import Needing, reporting
 
@@ -185,7 +184,6 @@ def update(scene: bpy.types.Scene) -> None:
 class UNISIM_OT_show_points(Needing, bpy.types.Operator):
     """Show recorded LiDAR points, simulated LiDAR points, or both, and on request beams that did not return"""
 
-    bl_idname = "unisim.show_points"
     bl_label = "Show LiDAR Points"
     bl_options = {"REGISTER", "UNDO"}
     needs = (drive,)
@@ -210,19 +208,12 @@ class UNISIM_OT_show_points(Needing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (UNISIM_OT_show_points,)
 HANDLERS = (("frame_change_post", follow), ("depsgraph_update_post", follow_edits))
 TIMERS = (gather, ask_again, show_read)
 
 
-def register() -> None:
-    """Add the operator."""
-    add(CLASSES)
-
-
 def unregister() -> None:
-    """Take it away."""
+    """Forget what was asked for."""
     waiting.clear()
     asked.clear()
     reading.clear()
-    take_away(CLASSES)

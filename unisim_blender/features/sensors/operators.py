@@ -75,7 +75,6 @@ class _OfSensor(Needing):
 class UNISIM_OT_look_through(_OfSensor, bpy.types.Operator):
     """Look through this camera and use its image size"""
 
-    bl_idname = "unisim.look_through"
     bl_label = "Look Through Camera"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -95,7 +94,6 @@ class UNISIM_OT_look_through(_OfSensor, bpy.types.Operator):
 class UNISIM_OT_show_sensor(_OfSensor, bpy.types.Operator):
     """Show or hide this sensor; a hidden sensor is not part of views, sequences and scenarios"""
 
-    bl_idname = "unisim.show_sensor"
     bl_label = "Show or Hide Sensor"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -112,7 +110,6 @@ class UNISIM_OT_show_sensor(_OfSensor, bpy.types.Operator):
 class UNISIM_OT_add_camera(_OnVehicle, bpy.types.Operator):
     """Add a camera to the vehicle and make it the active camera"""
 
-    bl_idname = "unisim.add_camera"
     bl_label = "Add Camera"
 
     width: IntProperty(name="Width", description="Image width", default=960, min=16, soft_max=3840, subtype="PIXEL")
@@ -181,7 +178,6 @@ class _Beams:
 class UNISIM_OT_add_lidar(_OnVehicle, _Beams, bpy.types.Operator):
     """Add a LiDAR to the vehicle"""
 
-    bl_idname = "unisim.add_lidar"
     bl_label = "Add LiDAR"
 
     mount: FloatVectorProperty(
@@ -206,7 +202,6 @@ class UNISIM_OT_add_lidar(_OnVehicle, _Beams, bpy.types.Operator):
 class UNISIM_OT_set_beams(Needing, _Beams, bpy.types.Operator):
     """Change the beam table of the selected LiDARs"""
 
-    bl_idname = "unisim.set_beams"
     bl_label = "Change Beams"
     bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select a LiDAR first", "LIDAR"))
@@ -218,12 +213,3 @@ class UNISIM_OT_set_beams(Needing, _Beams, bpy.types.Operator):
         for lidar in chosen(context, "LIDAR"):
             lidar.unisim.model = table
         return {"FINISHED"}
-
-
-CLASSES = (
-    UNISIM_OT_look_through,
-    UNISIM_OT_show_sensor,
-    UNISIM_OT_add_camera,
-    UNISIM_OT_add_lidar,
-    UNISIM_OT_set_beams,
-)

@@ -165,5 +165,4 @@ class UNISIM_PT_sensors(DrivePanel, bpy.types.Panel):
         column.operator("unisim.aim_sensor", icon="ORIENTATION_GIMBAL")
 
 
-CLASSES = (UNISIM_UL_sensors, UNISIM_MT_rig_presets, UNISIM_MT_remove_rig, UNISIM_PT_sensors)
 PROPERTIES = ((bpy.types.Scene, "unisim_sensor_index", IntProperty(get=active_index, set=activate)),)

@@ -46,7 +46,6 @@ def hidden(context: bpy.types.Context) -> Need:
 class UNISIM_OT_apply_rig(Needing, bpy.types.Operator):
     """Put a rig preset's cameras and LiDARs on the vehicle"""
 
-    bl_idname = "unisim.apply_rig"
     bl_label = "Apply Rig Preset"
     bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle)
@@ -88,7 +87,6 @@ class UNISIM_OT_apply_rig(Needing, bpy.types.Operator):
 class UNISIM_OT_save_rig(Needing, bpy.types.Operator):
     """Save the sensors on the vehicle as a rig preset."""
 
-    bl_idname = "unisim.save_rig"
     bl_label = "Save Rig Preset"
     bl_description = (
         "Save the sensors on the vehicle as a rig preset of your own, "
@@ -136,7 +134,6 @@ class UNISIM_OT_save_rig(Needing, bpy.types.Operator):
 class UNISIM_OT_remove_rig(bpy.types.Operator):
     """Delete the file of a rig preset; sensors on vehicles are kept"""
 
-    bl_idname = "unisim.remove_rig"
     bl_label = "Remove Rig Preset"
     bl_options = {"REGISTER"}
 
@@ -164,7 +161,6 @@ class UNISIM_OT_remove_rig(bpy.types.Operator):
 class UNISIM_OT_rig_folder(bpy.types.Operator):
     """Open the folder of your own rig presets: files that colleagues gave you go there"""
 
-    bl_idname = "unisim.rig_folder"
     bl_label = "Open Presets Folder"
     bl_options = {"REGISTER"}
 
@@ -176,7 +172,6 @@ class UNISIM_OT_rig_folder(bpy.types.Operator):
 class UNISIM_OT_restore_sensors(Needing, bpy.types.Operator):
     """Show recorded sensors again that a rig preset has hidden, and make those anew that were deleted"""
 
-    bl_idname = "unisim.restore_sensors"
     bl_label = "Restore Recorded Sensors"
     bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle, hidden)
@@ -189,12 +184,3 @@ class UNISIM_OT_restore_sensors(Needing, bpy.types.Operator):
         refresh(())
         self.report({"INFO"}, message("Restored {names}", names=", ".join(sorted(names))))
         return {"FINISHED"}
-
-
-CLASSES = (
-    UNISIM_OT_apply_rig,
-    UNISIM_OT_save_rig,
-    UNISIM_OT_remove_rig,
-    UNISIM_OT_rig_folder,
-    UNISIM_OT_restore_sensors,
-)

@@ -47,19 +47,12 @@ class RolloutTask(SequenceTask):
     missing."""
 
     title = translatable("Simulation")
+    units, rates = translatable("{done} of {total} steps"), translatable(", {rate:.2f} steps/s")
 
     @property
     def done(self) -> float:
         """Steps that are finished."""
         return float(count_steps(self.folder))
-
-    def measure(self) -> str:
-        """Steps of how many."""
-        return message("{done} of {total} steps", done=int(self.done), total=int(self.total))
-
-    def speed(self, rate: float) -> str:
-        """Steps a second."""
-        return message(", {rate:.2f} steps/s", rate=rate)
 
 
 CELLS = (200, 80, 130, *(94 for _ in COLUMNS), 24)
@@ -123,7 +116,6 @@ class Simulates(AtOnce, ReadsScenes):
 class UNISIM_OT_simulate(Needing, Simulates, bpy.types.Operator):
     """Let the driver drive through the scenario, with sensors that answer and actors that react, in the background"""
 
-    bl_idname = "unisim.simulate"
     bl_label = "Simulate"
     bl_options = {"REGISTER"}
     needs = (drive, driver_named, folder_known, nothing_runs)
@@ -172,7 +164,6 @@ def within(context: bpy.types.Context) -> Need:
 class UNISIM_OT_drive_on(Needing, Simulates, bpy.types.Operator):
     """Simulate on from the current frame: as driven until then, with the edits of this scene from then on"""
 
-    bl_idname = "unisim.drive_on"
     bl_label = "Drive On from Here"
     bl_options = {"REGISTER"}
     needs = (drive, is_rollout, within, driver_named, folder_known, nothing_runs)
@@ -192,7 +183,6 @@ class UNISIM_OT_drive_on(Needing, Simulates, bpy.types.Operator):
 class UNISIM_OT_same_model(bpy.types.Operator):
     """Give the selected actors the model of the active one, with its parameters"""
 
-    bl_idname = "unisim.same_model"
     bl_label = "Same for Selected"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -219,7 +209,6 @@ class UNISIM_OT_same_model(bpy.types.Operator):
 class UNISIM_OT_forget_model(bpy.types.Operator):
     """Let the actor move as all others do in simulations"""
 
-    bl_idname = "unisim.forget_model"
     bl_label = "As All Others"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -243,7 +232,6 @@ class UNISIM_OT_forget_model(bpy.types.Operator):
 class UNISIM_OT_hide_rollout(bpy.types.Operator):
     """Leave this rollout out of the list; its folder stays"""
 
-    bl_idname = "unisim.hide_rollout"
     bl_label = "Remove from List"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -259,7 +247,6 @@ class UNISIM_OT_hide_rollout(bpy.types.Operator):
 class UNISIM_OT_sort_rollouts(bpy.types.Operator):
     """List the rollouts in the order of this column, the best first"""
 
-    bl_idname = "unisim.sort_rollouts"
     bl_label = "Sort Rollouts"
     bl_options = {"INTERNAL"}
 
@@ -279,7 +266,6 @@ class UNISIM_OT_sort_rollouts(bpy.types.Operator):
 class UNISIM_OT_compare_rollouts(Needing, bpy.types.Operator):
     """List all rollouts in the folder with their scores side by side; the best value of each score has a dot"""
 
-    bl_idname = "unisim.compare_rollouts"
     bl_label = "Compare Rollouts"
     bl_options = {"REGISTER"}
     needs = (drive, rollout_there)
@@ -337,14 +323,3 @@ def active_actor(context: bpy.types.Context) -> Need:
     obj = context.active_object
     there = obj is not None and obj.unisim.kind == "ACTOR" and obj.name in context.scene.objects
     return there, "Make an actor active first: click it"
-
-
-CLASSES = (
-    UNISIM_OT_simulate,
-    UNISIM_OT_drive_on,
-    UNISIM_OT_same_model,
-    UNISIM_OT_forget_model,
-    UNISIM_OT_hide_rollout,
-    UNISIM_OT_sort_rollouts,
-    UNISIM_OT_compare_rollouts,
-)

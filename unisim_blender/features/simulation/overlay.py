@@ -39,6 +39,4 @@ def draw() -> None:
 DRAWINGS = (Drawing(draw),)
 
 
-def unregister() -> None:
-    """Forget all rollouts."""
-    forget()
+unregister = forget
