@@ -7,12 +7,11 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..bridge.objects.imported import imported_objects, source_of
+from ..bridge.objects.imported import drive_at_hand, imported_objects
 from ..bridge.objects.sensors import camera_model_of
 from ..bridge.sampling.stepping import frame_of
 from ..bridge.views.trails import outline, trail
 from ..bridge.window import chosen
-from ..core.errors import UnisimError
 from ..core.geometry import FloatArray, invert_pose
 from ..editing.layout.trails import joined
 from ..editing.sampled.clock import Clock
@@ -40,10 +39,9 @@ def draw_trails() -> None:
     sensors = chosen(context, "CAMERA", "LIDAR")[:MAX_DRAWN] if about.show_sensors else []
     if not selected and not sensors:
         return
-    try:
-        drive = source_of(scene).drive
-    except (UnisimError, OSError):
-        return  # the panel says so
+    drive = drive_at_hand(scene)
+    if drive is None:
+        return
     clock, frame = Clock.of(drive), frame_of(scene)
     trails = [trail(obj, drive, clock, frame) for obj in selected]
     lines = joined([*trails, *(outline(scene, obj, drive, frame) for obj in sensors)])

@@ -112,13 +112,9 @@ def import_source(
 
 def import_sensors(scene: bpy.types.Scene, source: DriveSource, names: set[str]) -> None:
     """Make objects of recorded sensors that were deleted, as the import makes them."""
-    ego, clock = next(imported_objects(scene, "EGO")), Clock.of(source.drive)
-    for name, camera in source.drive.cameras.items():
-        if name in names:
-            _camera(scene, source, camera, ego, clock)
-    for name, lidar in source.drive.lidars.items():
-        if name in names:
-            _lidar(scene, source.drive, lidar, ego, clock)
+    for kind, sensors in (("CAMERA", source.drive.cameras), ("LIDAR", source.drive.lidars)):
+        for name in names & set(sensors):
+            import_object(scene, source, kind, name)
     skip_sensors(scene, skipped_sensors(scene) - names)
 
 
