@@ -32,7 +32,8 @@ HATCH_RGB, HATCH_ALPHA = (1.0, 0.02, 0.02), 0.4
 """Linear colour and opacity of the hatching over unsupported pixels."""
 MOST_DB = 99.0
 """Largest PSNR, which equal images have, dB."""
-Key, Value = TypeVar("Key"), TypeVar("Value")
+Key = TypeVar("Key")
+Value = TypeVar("Value")
 PixelRectangle = tuple[int, int, int, int]
 """Left, bottom, width, height in pixels of a region."""
 
