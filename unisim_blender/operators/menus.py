@@ -3,8 +3,8 @@ that fit the kind of the active object; and the active camera's image size."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import bpy
 from bpy.app.handlers import persistent
@@ -27,6 +27,38 @@ _active: dict[int, int | None] = {}
 """The camera that was active in each scene at the last look."""
 
 
+OBJECT_MENU = (
+    "duplicate_actor:where delete_actor replace_appearance swap_class:group maneuver:kind retime_actor:mode shift_actor "
+    "follow_curve snap_to_ground mesh_actor release_mesh ego_body release_ego_body parked_row row_of_cones",
+    "mark_static copy_static forget_static",
+    "shift_ego aim_sensor set_beams:preset UNISIM_MT_rig_presets save_rig restore_sensors",
+    "select_listed check",
+)
+RENDER_MENU = (
+    "render_variants export_variants open_output play_result make_film open_film export_scenario",
+    "simulate drive_on open_rollout compare_rollouts",
+    "submit_batch open_report",
+    "new_variant rename_variant delete_variant",
+    "train make_library",
+)
+"""Lines of menus, in groups: operators, with a colon those that have a menu of one of their settings, and menus."""
+
+
+def draw_groups(layout: bpy.types.UILayout, groups: tuple[str, ...]) -> None:
+    """Draw groups of lines with separators between them."""
+    for number, group in enumerate(groups):
+        if number:
+            layout.separator()
+        for line in group.split():
+            name, _, setting = line.partition(":")
+            if name.startswith("UNISIM_MT_"):
+                layout.menu(name)
+            elif setting:
+                layout.operator_menu_enum("unisim." + name, setting)
+            else:
+                layout.operator("unisim." + name)
+
+
 class UNISIM_MT_object(bpy.types.Menu):
     """Edit a drive"""
 
@@ -35,36 +67,7 @@ class UNISIM_MT_object(bpy.types.Menu):
 
     def draw(self, context: bpy.types.Context) -> None:
         """As in the sidebar."""
-        layout = self.layout
-        layout.operator_menu_enum("unisim.duplicate_actor", "where")
-        layout.operator("unisim.delete_actor")
-        layout.operator("unisim.replace_appearance")
-        layout.operator_menu_enum("unisim.swap_class", "group")
-        layout.operator_menu_enum("unisim.maneuver", "kind")
-        layout.operator_menu_enum("unisim.retime_actor", "mode")
-        layout.operator("unisim.shift_actor")
-        layout.operator("unisim.follow_curve")
-        layout.operator("unisim.snap_to_ground")
-        layout.operator("unisim.mesh_actor")
-        layout.operator("unisim.release_mesh")
-        layout.operator("unisim.ego_body")
-        layout.operator("unisim.release_ego_body")
-        layout.operator("unisim.parked_row")
-        layout.operator("unisim.row_of_cones")
-        layout.separator()
-        layout.operator("unisim.mark_static")
-        layout.operator("unisim.copy_static")
-        layout.operator("unisim.forget_static")
-        layout.separator()
-        layout.operator("unisim.shift_ego")
-        layout.operator("unisim.aim_sensor")
-        layout.operator_menu_enum("unisim.set_beams", "preset")
-        layout.menu("UNISIM_MT_rig_presets")
-        layout.operator("unisim.save_rig")
-        layout.operator("unisim.restore_sensors")
-        layout.separator()
-        layout.operator("unisim.select_listed")
-        layout.operator("unisim.check")
+        draw_groups(self.layout, OBJECT_MENU)
 
 
 class UNISIM_MT_render(bpy.types.Menu):
@@ -75,20 +78,7 @@ class UNISIM_MT_render(bpy.types.Menu):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the operators of the sidebar's Simulate and Render, which the menu search finds here."""
-        for group in RENDER_MENU:
-            for name in group.split():
-                self.layout.operator("unisim." + name)
-            self.layout.separator()
-
-
-RENDER_MENU = (
-    "render_variants export_variants open_output play_result make_film open_film export_scenario",
-    "simulate drive_on open_rollout compare_rollouts",
-    "submit_batch open_report",
-    "new_variant rename_variant delete_variant",
-    "train make_library",
-)
-"""Operators of the menu, in groups."""
+        draw_groups(self.layout, RENDER_MENU)
 
 
 class UNISIM_MT_view(bpy.types.Menu):
@@ -195,15 +185,14 @@ def note_cameras(*_: object) -> None:
         follow_camera(scene)
 
 
-@dataclass(frozen=True)
-class Slot:
+class Slot(NamedTuple):
     """An operator in a slot of the pie: its name, the text where that is not its own, an icon, and what
     it is called with."""
 
     operator: str
     text: str = ""
     icon: str = "NONE"
-    given: dict[str, Any] = field(default_factory=dict)
+    given: Mapping[str, Any] = {}
 
 
 CHECK = Slot("unisim.check", "Check Edits", "CHECKMARK")
@@ -215,7 +204,7 @@ MANEUVER = Slot("wm.call_menu_pie", "Maneuver", "CON_FOLLOWPATH", {"name": "UNIS
 ADD_LIDAR = Slot("unisim.add_lidar", "Add LiDAR", "CONE")
 MARK = Slot("unisim.mark_static", "Mark Static Item", "ADD")
 
-SLOTS: dict[str, tuple[Slot | None, ...]] = {
+SLOTS: dict[str, tuple[Slot, ...]] = {
     "ACTOR": (
         Slot("unisim.duplicate_actor", "Duplicate", "DUPLICATE"),
         DELETE,
@@ -304,9 +293,6 @@ class UNISIM_MT_pie(bpy.types.Menu):
         pie = self.layout.menu_pie()
         pie.operator_context = "INVOKE_REGION_WIN"
         for slot in SLOTS[kind_of_active(context)]:
-            if slot is None:
-                pie.separator()
-                continue
             button = pie.operator(slot.operator, text=slot.text, icon=slot.icon)
             for name, value in slot.given.items():
                 setattr(button, name, value)
