@@ -113,7 +113,7 @@ class InSteps:
             pass
         return {"FINISHED"}
 
-    def ask_for_path(self: Any, context: bpy.types.Context) -> set[str]:
+    def ask_for_path(self: Any, context: bpy.types.Context, event: bpy.types.Event | None = None) -> set[str]:
         """Open the file browser, which then has `execute` work in steps."""
         self.by_hand = True
         context.window_manager.fileselect_add(self)

@@ -3,7 +3,6 @@ that fit the kind of the active object; and the active camera's image size."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import bpy
@@ -27,38 +26,6 @@ _active: dict[int, int | None] = {}
 """The camera that was active in each scene at the last look."""
 
 
-OBJECT_MENU = (
-    "duplicate_actor:where delete_actor replace_appearance swap_class:group maneuver:kind retime_actor:mode shift_actor "
-    "follow_curve snap_to_ground mesh_actor release_mesh ego_body release_ego_body parked_row row_of_cones",
-    "mark_static copy_static forget_static",
-    "shift_ego aim_sensor set_beams:preset UNISIM_MT_rig_presets save_rig restore_sensors",
-    "select_listed check",
-)
-RENDER_MENU = (
-    "render_variants export_variants open_output play_result make_film open_film export_scenario",
-    "simulate drive_on open_rollout compare_rollouts",
-    "submit_batch open_report",
-    "new_variant rename_variant delete_variant",
-    "train make_library",
-)
-"""Lines of menus, in groups: operators, with a colon those that have a menu of one of their settings, and menus."""
-
-
-def draw_groups(layout: bpy.types.UILayout, groups: tuple[str, ...]) -> None:
-    """Draw groups of lines with separators between them."""
-    for number, group in enumerate(groups):
-        if number:
-            layout.separator()
-        for line in group.split():
-            name, _, setting = line.partition(":")
-            if name.startswith("UNISIM_MT_"):
-                layout.menu(name)
-            elif setting:
-                layout.operator_menu_enum("unisim." + name, setting)
-            else:
-                layout.operator("unisim." + name)
-
-
 class UNISIM_MT_object(bpy.types.Menu):
     """Edit a drive"""
 
@@ -66,7 +33,6 @@ class UNISIM_MT_object(bpy.types.Menu):
     bl_description = "Edits of the selected parts of the drive"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """As in the sidebar."""
         draw_groups(self.layout, OBJECT_MENU)
 
 
@@ -77,8 +43,39 @@ class UNISIM_MT_render(bpy.types.Menu):
     bl_description = "Sequences, simulations, batches, variants and training"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the operators of the sidebar's Simulate and Render, which the menu search finds here."""
         draw_groups(self.layout, RENDER_MENU)
+
+
+OBJECT_MENU = (
+    "duplicate_actor.where delete_actor replace_appearance swap_class.group maneuver.kind retime_actor.mode shift_actor "
+    "follow_curve snap_to_ground mesh_actor release_mesh ego_body release_ego_body parked_row row_of_cones",
+    "mark_static copy_static forget_static",
+    "shift_ego aim_sensor set_beams.preset UNISIM_MT_rig_presets save_rig restore_sensors",
+    "select_listed check",
+)
+RENDER_MENU = (
+    "render_variants export_variants open_output play_result make_film open_film export_scenario",
+    "simulate drive_on open_rollout compare_rollouts",
+    "submit_batch open_report",
+    "new_variant rename_variant delete_variant",
+    "train make_library",
+)
+"""Operators of the menus, in groups, with the choice that a menu of its own offers; and a menu."""
+
+
+def draw_groups(layout: bpy.types.UILayout, groups: tuple[str, ...]) -> None:
+    """Draw a menu's groups."""
+    for number, group in enumerate(groups):
+        if number:
+            layout.separator()
+        for name in group.split():
+            operator, _, choice = name.partition(".")
+            if name.startswith("UNISIM_MT_"):
+                layout.menu(name)
+            elif choice:
+                layout.operator_menu_enum("unisim." + operator, choice)
+            else:
+                layout.operator("unisim." + operator)
 
 
 class UNISIM_MT_view(bpy.types.Menu):
@@ -88,7 +85,6 @@ class UNISIM_MT_view(bpy.types.Menu):
     bl_description = "What of the drive the views show"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the sidebar's switches, which the menu search finds here."""
         layout, scene = self.layout, context.scene
         for name in ("show_ways", "show_sensors", "show_timeline"):
             layout.prop(scene.unisim, name)
@@ -159,9 +155,8 @@ def draw_shortcuts(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     for keys, own in keys_of(__name__):
         keymap = configuration.keymaps.get(keys.name)
         for item in keymap.keymap_items if keymap is not None else ():
-            if item.idname == own.idname and getattr(item.properties, "name", "") == getattr(
-                own.properties, "name", ""
-            ):
+            names = [getattr(key.properties, "name", "") for key in (item, own)]
+            if item.idname == own.idname and names[0] == names[1]:
                 layout.context_pointer_set("keymap", keymap)
                 rna_keymap_ui.draw_kmi([], configuration, keymap, item, layout, 0)
 
@@ -186,24 +181,28 @@ def note_cameras(*_: object) -> None:
 
 
 class Slot(NamedTuple):
-    """An operator in a slot of the pie: its name, the text where that is not its own, an icon, and what
-    it is called with."""
+    """An operator in a slot of the pie: its name, text and icon, and what it is called with."""
 
     operator: str
-    text: str = ""
-    icon: str = "NONE"
-    given: Mapping[str, Any] = {}
+    text: str
+    icon: str
+    given: dict[str, Any] = {}
 
 
-CHECK = Slot("unisim.check", "Check Edits", "CHECKMARK")
-RENDER = Slot("unisim.render_sequence", "Render Sequence", "RENDER_ANIMATION")
 DELETE = Slot("unisim.delete_actor", "Delete", "TRASH")
-SNAP = Slot("unisim.snap_to_ground", "Snap to Ground", "SNAP_FACE")
 ADD_CAMERA = Slot("unisim.add_camera", "Add Camera", "CAMERA_DATA")
-MANEUVER = Slot("wm.call_menu_pie", "Maneuver", "CON_FOLLOWPATH", {"name": "UNISIM_MT_maneuver_pie"})
 ADD_LIDAR = Slot("unisim.add_lidar", "Add LiDAR", "CONE")
+MANEUVER = Slot("wm.call_menu_pie", "Maneuver", "CON_FOLLOWPATH", {"name": "UNISIM_MT_maneuver_pie"})
 MARK = Slot("unisim.mark_static", "Mark Static Item", "ADD")
-
+AIM = Slot("unisim.aim_sensor", "Aim", "ORIENTATION_GIMBAL")
+OF_SENSOR = (
+    Slot("object.duplicate_move", "Duplicate", "DUPLICATE"),
+    Slot("object.delete", "Delete", "TRASH"),
+)
+OF_ALL = (
+    Slot("unisim.check", "Check Edits", "CHECKMARK"),
+    Slot("unisim.render_sequence", "Render Sequence", "RENDER_ANIMATION"),
+)
 SLOTS: dict[str, tuple[Slot, ...]] = {
     "ACTOR": (
         Slot("unisim.duplicate_actor", "Duplicate", "DUPLICATE"),
@@ -212,8 +211,7 @@ SLOTS: dict[str, tuple[Slot, ...]] = {
         Slot("unisim.shift_actor", "Shift", "ARROW_LEFTRIGHT"),
         Slot("unisim.replace_appearance", "Replace Appearance", "FILE_REFRESH"),
         MANEUVER,
-        CHECK,
-        RENDER,
+        *OF_ALL,
     ),
     "EGO": (
         ADD_CAMERA,
@@ -222,28 +220,23 @@ SLOTS: dict[str, tuple[Slot, ...]] = {
         Slot("unisim.shift_ego", "Shift Lane", "ARROW_LEFTRIGHT"),
         MANEUVER,
         Slot("unisim.export_scenario", "Export Scenario", "EXPORT"),
-        CHECK,
-        RENDER,
+        *OF_ALL,
     ),
     "CAMERA": (
-        Slot("object.duplicate_move", "Duplicate", "DUPLICATE"),
-        Slot("object.delete", "Delete", "TRASH"),
+        *OF_SENSOR,
         ADD_CAMERA,
-        Slot("unisim.aim_sensor", "Aim", "ORIENTATION_GIMBAL"),
+        AIM,
         Slot("view3d.object_as_camera", "Look Through", "VIEW_CAMERA"),
         ADD_LIDAR,
-        CHECK,
-        RENDER,
+        *OF_ALL,
     ),
     "LIDAR": (
-        Slot("object.duplicate_move", "Duplicate", "DUPLICATE"),
-        Slot("object.delete", "Delete", "TRASH"),
+        *OF_SENSOR,
         ADD_LIDAR,
-        Slot("unisim.aim_sensor", "Aim", "ORIENTATION_GIMBAL"),
+        AIM,
         Slot("unisim.set_beams", "Change Beams", "LIGHT_SUN"),
         ADD_CAMERA,
-        CHECK,
-        RENDER,
+        *OF_ALL,
     ),
     "STATIC": (
         Slot("unisim.copy_static", "Copy to 3D Cursor", "DUPLICATE"),
@@ -251,9 +244,8 @@ SLOTS: dict[str, tuple[Slot, ...]] = {
         MARK,
         Slot("transform.translate", "Move", "ARROW_LEFTRIGHT"),
         Slot("unisim.forget_static", "Forget", "X"),
-        SNAP,
-        CHECK,
-        RENDER,
+        Slot("unisim.snap_to_ground", "Snap to Ground", "SNAP_FACE"),
+        *OF_ALL,
     ),
     "NONE": (
         Slot("unisim.insert_actor", "Insert Actor", "ADD"),
@@ -262,8 +254,7 @@ SLOTS: dict[str, tuple[Slot, ...]] = {
         Slot("unisim.shift_ego", "Shift Ego Lane", "ARROW_LEFTRIGHT"),
         ADD_CAMERA,
         MANEUVER,
-        CHECK,
-        RENDER,
+        *OF_ALL,
     ),
 }
 """By kind of the active object, in Blender's order: left, right, below, above, upper left and right,
@@ -285,7 +276,6 @@ class UNISIM_MT_pie(bpy.types.Menu):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there."""
         return bool(context.scene.unisim.log)
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -332,6 +322,4 @@ def register() -> None:
 def unregister() -> None:
     """Take them away."""
     _active.clear()
-    if draw_shortcuts in SECTIONS:
-        SECTIONS.remove(draw_shortcuts)
     bpy.types.VIEW3D_MT_object_context_menu.remove(draw_context_menu)

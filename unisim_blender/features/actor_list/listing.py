@@ -18,7 +18,7 @@ from bpy.app.handlers import persistent
 
 from ...bridge.objects.imported import has_drive, imported_objects, originals, source_of
 from ...bridge.views.actors import poses_of, track_of
-from ...bridge.window import redraw
+from ...bridge.window import redraw, run_soon
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
 from ...editing.actors.table import ActorFilter, ActorTrack, Entry, chosen_entries, values_at
@@ -156,8 +156,7 @@ def hidden(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
 def refresh_soon(scene: bpy.types.Scene) -> None:
     """Have a scene's table brought up to date; without a window nobody looks at it."""
     _changed.add(scene.session_uid)
-    if not bpy.app.background and not bpy.app.timers.is_registered(_turn):
-        bpy.app.timers.register(_turn, first_interval=0.0)
+    run_soon(_turn)
 
 
 def importing() -> bool:

@@ -166,7 +166,6 @@ class XmlNode:
 
     @property
     def tag(self) -> str:
-        """The element's name."""
         return self.element.tag
 
     def has(self, name: str) -> bool:

@@ -13,8 +13,7 @@ from ...world.drive import Drive
 from ..checks import require
 from ..context import SENSOR_MARGIN_S, EditContext
 from ..edit import Edit, register
-from ..json_schema import NUMBER, ref
-from ..motion.keys import Keyframe, ShiftKey, check_keys
+from ..motion.keys import Beyond, Keyframes, ShiftKey, check_keys
 from ..motion.trajectories import (
     Indices,
     Resting,
@@ -33,18 +32,12 @@ class Ego(Edit):
     """The recording vehicle drives further left, or elsewhere; its sensors ride along."""
 
     type = "ego"
-    members = {
-        "shift_left_m": NUMBER,
-        "shift": {"type": "array", "items": ref("shift_key"), "minItems": 1},
-        "trajectory": ref("keyframes"),
-        "outside": ref("outside"),
-    }
     seen_by = "ego"
 
     shift_left_m: float | None = None
     shift: tuple[ShiftKey, ...] | None = None
-    trajectory: tuple[Keyframe, ...] | None = None
-    outside: str | None = None
+    trajectory: Keyframes | None = None
+    outside: Beyond | None = None
 
     def check(self, scenario: Scenario, place: str) -> None:
         """Refuse what says nothing or two things, and keys that are not in order."""

@@ -9,7 +9,7 @@ import numpy as np
 from ...world.drive import Actor, Appearance, Drive
 from ..context import SENSOR_MARGIN_S, EditContext, check_new, mesh_of, with_actor
 from ..edit import Edit, register
-from ..json_schema import PATH, TEXT, ref
+from ..json_schema import FilePath
 from ..motion.placement import Placement, check_rotation, pose_of
 from ..motion.trajectories import is_moving, merged_times, sampled
 from ..types import Scenario
@@ -25,11 +25,10 @@ class EgoBody(Edit):
     sensors do not see it."""
 
     type = "ego_body"
-    members = {"mesh": PATH, "id": TEXT, "mount": ref("placement"), "label": TEXT}
     meshes = ("mesh",)
     seen_by = "ego"
 
-    mesh: str
+    mesh: FilePath
     id: str
     mount: Placement
     label: str | None = None
