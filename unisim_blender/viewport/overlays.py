@@ -7,7 +7,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..bridge.objects.imported import drive_at_hand, imported_objects
+from ..bridge.objects.imported import drive_of, imported_objects
 from ..bridge.objects.sensors import camera_model_of
 from ..bridge.sampling.stepping import frame_of
 from ..bridge.views.trails import outline, trail
@@ -37,10 +37,8 @@ def draw_trails() -> None:
     about = scene.unisim
     selected = chosen(context, "ACTOR", "EGO")[:MAX_DRAWN] if about.show_ways else []
     sensors = chosen(context, "CAMERA", "LIDAR")[:MAX_DRAWN] if about.show_sensors else []
-    if not selected and not sensors:
-        return
-    drive = drive_at_hand(scene)
-    if drive is None:
+    drive = drive_of(scene)
+    if drive is None or (not selected and not sensors):
         return
     clock, frame = Clock.of(drive), frame_of(scene)
     trails = [trail(obj, drive, clock, frame) for obj in selected]

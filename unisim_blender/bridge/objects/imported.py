@@ -203,8 +203,8 @@ def source_of(scene: bpy.types.Scene) -> DriveSource:
     return open_source(bpy.path.abspath(about.log), bpy.path.abspath(about.scene) if about.scene else "")
 
 
-def drive_at_hand(scene: bpy.types.Scene) -> Drive | None:
-    """Return the drive of a scene; None where it cannot be read, which panels say."""
+def drive_of(scene: bpy.types.Scene) -> Drive | None:
+    """Return the recorded drive of a scene, for what is drawn; None where there is none, or it cannot be read."""
     try:
         return source_of(scene).drive
     except (UnisimError, OSError):

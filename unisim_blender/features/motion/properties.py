@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import BoolProperty, FloatProperty, PointerProperty
 
-from ...bridge.objects.imported import drive_at_hand
+from ...bridge.objects.imported import drive_of
 from ...bridge.views.trails import compared_now
 from ...editing.motion.kinematics import Limits, MotionComparison
 from ...editing.sampled.clock import Clock
@@ -72,7 +72,7 @@ def graph_of(context: bpy.types.Context) -> MotionComparison | None:
     obj = context.active_object
     if obj is None or obj.unisim.kind not in ("ACTOR", "EGO") or obj.name not in context.scene.objects:
         return None
-    drive = drive_at_hand(context.scene)
+    drive = drive_of(context.scene)
     return None if drive is None else compared_now(obj, drive, Clock.of(drive), limits_of(context.scene))
 
 

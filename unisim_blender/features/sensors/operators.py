@@ -9,7 +9,7 @@ from mathutils import Euler, Matrix
 
 from ...bridge.importing.drive import fit_resolution
 from ...bridge.importing.rig_presets import add_sensor, look_ahead, show_sensor
-from ...bridge.objects.imported import drive_at_hand, imported_objects
+from ...bridge.objects.imported import drive_of, imported_objects
 from ...bridge.window import choose, chosen, object_mode, refresh, selected, vehicle
 from ...core.sensors.beam_tables import BEAM_TABLES
 from ...core.world.drive import CameraModel, LidarModel
@@ -30,7 +30,7 @@ def put_on_vehicle(
 ) -> bpy.types.Object:
     """Put a new sensor on the vehicle, at a mount (4, 4), and make it the one that is selected."""
     scene = context.scene
-    sensor = add_sensor(scene, drive_at_hand(scene), name, model, np.array(mount, float))
+    sensor = add_sensor(scene, drive_of(scene), name, model, np.array(mount, float))
     sensor.rotation_mode = "XYZ"
     choose(context, sensor)
     return sensor

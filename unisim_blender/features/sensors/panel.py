@@ -4,7 +4,7 @@ import bpy
 from bpy.props import IntProperty
 
 from ...bridge.importing.rig_presets import own_presets
-from ...bridge.objects.imported import drive_at_hand
+from ...bridge.objects.imported import drive_of
 from ...bridge.views.sensor_facts import KINDS, card_of_sensor, size_of_sensor
 from ...bridge.window import choose
 from ...core.rigs import built_in_rigs
@@ -61,7 +61,7 @@ class UNISIM_UL_sensors(bpy.types.UIList):
         size.alignment = "RIGHT"
         wide = context.region.width > WIDE * context.preferences.system.ui_scale
         size_text = localized(size_of_sensor(item))
-        size.label(text=f"{size_text}, {rate_of(drive_at_hand(data))}" if wide else size_text, translate=False)
+        size.label(text=f"{size_text}, {rate_of(drive_of(data))}" if wide else size_text, translate=False)
         shown = "RESTRICT_RENDER_OFF" if there else "RESTRICT_RENDER_ON"
         row.operator("unisim.show_sensor", text="", icon=shown, emboss=False).name = item.name
 
@@ -129,7 +129,7 @@ class UNISIM_PT_sensors(DrivePanel, bpy.types.Panel):
         layout, scene, obj = self.layout, context.scene, context.active_object
         sensor = obj if obj is not None and obj.unisim.kind in KINDS and obj.name in scene.objects else None
         layout.template_list("UNISIM_UL_sensors", "", scene, "objects", scene, "unisim_sensor_index", rows=4)
-        drive = drive_at_hand(scene)
+        drive = drive_of(scene)
         card = None if sensor is None else card_of_sensor(scene, sensor, drive)
         box = layout.box().column(align=True)
         row_of(box, "Sensor", sensor.name if sensor else interface("none is active"), "CAMERA_DATA")

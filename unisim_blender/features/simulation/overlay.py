@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...bridge.objects.imported import drive_at_hand
+from ...bridge.objects.imported import drive_of
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.views.rollouts import forget, rollout_lines
 from ...editing.layout.trails import TrailSegments
@@ -21,7 +21,7 @@ def lines_now(scene: bpy.types.Scene) -> TrailSegments | None:
     about = scene.unisim_simulation
     if not scene.unisim.log or not about.rollout or not (about.show_plans or about.show_ghost):
         return None
-    drive = drive_at_hand(scene)
+    drive = drive_of(scene)
     return None if drive is None else rollout_lines(scene, drive, Clock.of(drive), frame_of(scene))
 
 
