@@ -86,6 +86,17 @@ def run_soon(timer: Callable[[], float | None], after_s: float = 0.0, persistent
         bpy.app.timers.register(timer, first_interval=after_s, persistent=persistent)
 
 
+def redraw_rendered(wanted: Callable[[Any], bool] = lambda space: True) -> bool:
+    """Draw the wanted views in Rendered shading again, by their spaces, without their panels; return whether there are
+    any."""
+    views = [area for area in areas("VIEW_3D") if area.spaces.active.shading.type == "RENDERED"]
+    regions = [region for area in views if wanted(area.spaces.active) for region in area.regions]
+    for region in regions:
+        if region.type == "WINDOW":
+            region.tag_redraw()
+    return bool(regions)
+
+
 def redraw_status_bar() -> None:
     """Redraw the status bar of every window, from any timer.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import queue
-import sys
 import textwrap
 import time
 from contextlib import suppress
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..bridge.objects.imported import source_of
 from ..bridge.sampling.stepping import image_size, moment
-from ..bridge.window import areas
+from ..bridge.window import redraw_rendered
 from ..core.colour import linear_from_srgb
 from ..core.errors import UnisimError
 from ..editing.images.views import marked_outside, outside_drive
@@ -24,6 +23,7 @@ from ..preferences import device, interpreter
 from ..process.client import Client, Request, client, progress_line
 from ..process.preparation import PREPARATION
 from ..translations import interface, localized
+from .views import VIEWS, ViewportImage
 
 CANCEL_POLL_S = 0.05
 """Between two looks at whether the user has had enough."""
@@ -98,9 +98,7 @@ class UniSimEngine(bpy.types.RenderEngine):
         if view.expects:
             redraw_soon()
 
-    def _view(self) -> Any:
-        from .views import ViewportImage  # needs a window's graphics
-
+    def _view(self) -> ViewportImage:
         if not hasattr(self, "view"):
             self.view = ViewportImage()
         return self.view
@@ -118,8 +116,7 @@ class UniSimEngine(bpy.types.RenderEngine):
     ) -> tuple[Request, ResultImage]:
         """Take the snapshot and ask for the image."""
         self.update_stats("UniSim", interface("Reading the scene"))
-        viewport = sys.modules.get(f"{__package__}.views")
-        for shown in list(viewport.VIEWS) if viewport is not None else ():
+        for shown in list(VIEWS):
             shown.make_way()
         PREPARATION.stopped = False  # the image needs it
         render, source = scene.render, source_of(scene)
@@ -277,15 +274,10 @@ def _look() -> float | None:
     now = time.monotonic()
     if _asked_s:  # timers run when all is drawn
         _quiet_until_s, _asked_s = now + max(MIN_PAUSE_S, PAUSE_FACTOR * (now - _asked_s)), 0.0
-    viewport = sys.modules.get(f"{__package__}.views")
-    views = list(viewport.VIEWS) if viewport is not None else []
+    views = list(VIEWS)
     if any(view.news(now > _quiet_until_s) for view in views):
         _asked_s = now
-        for area in areas("VIEW_3D"):
-            if area.spaces.active.shading.type == "RENDERED":
-                for region in area.regions:
-                    if region.type == "WINDOW":  # its panels show nothing of this
-                        region.tag_redraw()
+        redraw_rendered()
     return POLL_S if any(view.expects for view in views) else None
 
 

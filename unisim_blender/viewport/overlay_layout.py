@@ -8,7 +8,9 @@ from typing import Any
 
 import blf
 import bpy
+import gpu
 import numpy as np
+from gpu_extras.batch import batch_for_shader
 
 from ..core.geometry import FloatArray
 from ..editing.layout.overlays import OverlayLayout, Rectangle, free_part, lay_out_overlays
@@ -75,9 +77,6 @@ def fill(x0: float, y0: float, x1: float, y1: float, colour: tuple[float, ...]) 
 
 def draw_batch(primitive: str, points: Any, colours: Any, line_px: float = 1.0) -> None:
     """Draw triangles or lines over what is there: points (N, 2) or (N, 3), and a colour for each (N, 4) or for all (4,)."""
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
     points = np.asarray(points, np.float32)
     shader = gpu.shader.from_builtin("SMOOTH_COLOR")
     each = np.array(np.broadcast_to(colours, (len(points), 4)), np.float32)

@@ -20,7 +20,7 @@ from ...editing.simulation.rollouts import RolloutEvent, RolloutTimes, read_roll
 from ...editing.simulation.stated import vehicle_parameters
 from ..objects.imported import imported_objects, originals
 from ..objects.settings import rollout_folder
-from ..window import areas
+from ..window import redraw
 
 POLL_S = 0.1
 
@@ -69,8 +69,7 @@ def _look() -> float | None:
     if any(thread.is_alive() for thread in _readers):
         return POLL_S
     _readers.clear()
-    for area in areas("VIEW_3D"):
-        area.tag_redraw()
+    redraw("VIEW_3D")
     return None
 
 
