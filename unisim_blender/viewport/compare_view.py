@@ -158,7 +158,7 @@ class UNISIM_GT_split(bpy.types.Gizmo):
     def test_select(self, context: bpy.types.Context, location: Any) -> int:
         """Return 0 where the mouse is on the line, -1 elsewhere."""
         at, view = line_at(context.region, options_of(context.space_data).split), drawn_view(context.region)
-        if at is None or abs(location[0] - at) > GRAB_PX * context.preferences.system.ui_scale:
+        if at is None or view is None or abs(location[0] - at) > GRAB_PX * context.preferences.system.ui_scale:
             return -1
         low, high = clear_line(context, shown_image(context, view), at)
         return 0 if low <= location[1] <= high else -1
@@ -215,7 +215,7 @@ def draw_modes(self: bpy.types.Header, context: bpy.types.Context) -> None:
         row = self.layout.row()
         row.enabled = view is not None and bool(view.problem) and is_rendered(context)
         button = row.operator("unisim.show_problem", text="", icon="ERROR")
-        if row.enabled:
+        if view is not None and row.enabled:
             button.title, button.text, button.remedy = "UniSim", view.problem, view.remedy
 
 

@@ -13,22 +13,10 @@ from numpy.typing import NDArray
 from ..objects.animation import curves_of
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects
 from ..objects.meshes import size_of
+from .from_keys import DELTA_PROPERTIES, KEYABLE_PROPERTIES, LENS_PROPERTIES
 
-TRANSFORM_PROPERTIES = (
-    "location",
-    "rotation_mode",
-    "rotation_quaternion",
-    "rotation_euler",
-    "scale",
-    "delta_location",
-    "delta_rotation_quaternion",
-    "delta_rotation_euler",
-    "delta_scale",
-)
-"""Properties that place an object that is not animated."""
 UNISIM_PROPERTIES = ("kind", "uid", "look", "look_scene", "model", "mesh", "label")
 """Properties that say what an object of a drive represents."""
-LENS_PROPERTIES = ("lens", "shift_x", "shift_y", "sensor_width", "sensor_height", "sensor_fit", "type")
 
 
 def edit_state(scene: bpy.types.Scene) -> str:
@@ -40,7 +28,7 @@ def edit_state(scene: bpy.types.Scene) -> str:
         if obj.type == "MESH":
             said += np.round(size_of(obj), 5).tolist()
         if obj.type == "CAMERA":
-            said += [getattr(obj.data, name) for name in LENS_PROPERTIES]
+            said += [getattr(obj.data, name) for name in (*LENS_PROPERTIES, "type")]
         for part in (obj, *(obj.children_recursive if about.mesh else ())):
             said += _placed(part)
         digest.update(repr(said).encode())
@@ -67,7 +55,11 @@ def _placed(obj: bpy.types.Object) -> list[object]:
     if data is not None:
         animated |= {driver.data_path for driver in data.drivers}
     if not strips:
-        said += [(name, _plain(getattr(obj, name))) for name in TRANSFORM_PROPERTIES if name not in animated]
+        said += [
+            (name, _plain(getattr(obj, name)))
+            for name in ("rotation_mode", *KEYABLE_PROPERTIES, *DELTA_PROPERTIES)
+            if name not in animated
+        ]
     said += [(constraint.type, constraint.mute, constraint.influence) for constraint in obj.constraints]
     if obj.parent is not None:
         said += [obj.parent.name, *(_plain(row) for row in obj.matrix_parent_inverse)]
