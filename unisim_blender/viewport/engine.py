@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..bridge.objects.imported import source_of
 from ..bridge.sampling.stepping import image_size, moment
-from ..bridge.window import redraw_rendered
+from ..bridge.window import redraw_rendered, run_soon
 from ..core.colour import linear_from_srgb
 from ..core.errors import UnisimError
 from ..editing.images.views import marked_outside, outside_drive
@@ -96,7 +96,7 @@ class UniSimEngine(bpy.types.RenderEngine):
         view.draw(self, depsgraph.scene, context.region)
         self.update_stats("UniSim", view.activity if context.space_data.overlay.show_overlays else view.sentence)
         if view.expects:
-            redraw_soon()
+            run_soon(_look, POLL_S)
 
     def _view(self) -> ViewportImage:
         if not hasattr(self, "view"):
@@ -259,17 +259,12 @@ def border_of(render: bpy.types.RenderSettings, size: tuple[int, int]) -> tuple[
     return left, bottom, max(right, left + 1), max(top, bottom + 1)
 
 
-def redraw_soon() -> None:
-    """Draw the viewports again when there is something to draw: parts of an image are on their way."""
-    if not bpy.app.timers.is_registered(_look):
-        bpy.app.timers.register(_look, first_interval=POLL_S)
-
-
 _asked_s, _quiet_until_s = 0.0, 0.0
 """When a drawing was asked for that is not done, and until when there is to be none."""
 
 
 def _look() -> float | None:
+    """Draw the viewports again when there is something to draw: parts of an image are on their way."""
     global _asked_s, _quiet_until_s
     now = time.monotonic()
     if _asked_s:  # timers run when all is drawn

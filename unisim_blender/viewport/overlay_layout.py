@@ -12,8 +12,9 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
+from ..bridge.window import free_rectangle
 from ..core.geometry import FloatArray
-from ..editing.layout.overlays import OverlayLayout, Rectangle, free_part, lay_out_overlays
+from ..editing.layout.overlays import OverlayLayout, lay_out_overlays
 from ..editing.layout.shapes import OverlayShapes
 from ..editing.texts import wrapped
 from ..translations import localized
@@ -33,16 +34,10 @@ def overlay_layout(context: bpy.types.Context) -> OverlayLayout:
     region = context.region
     if region is None or region.type != "WINDOW":
         region = next(one for one in area.regions if one.type == "WINDOW")
-    boxes = [
-        (one.type, Rectangle(x, y, x + one.width, y + one.height))
-        for one in area.regions
-        for x, y in [(one.x - region.x, one.y - region.y)]
-    ]
-    free = free_part(region.width, region.height, boxes)
     sizes = {name: size_of(context) for name, size_of in WANTED.items()}
     wanted = {name: size for name, size in sizes.items() if size is not None}
     gizmos = space.show_gizmo and space.show_gizmo_navigate
-    return lay_out_overlays(free, context.preferences.system.ui_scale, wanted, gizmos)
+    return lay_out_overlays(free_rectangle(area, region), context.preferences.system.ui_scale, wanted, gizmos)
 
 
 def in_rows(texts: Sequence[str], width: float, scale: float) -> list[str]:

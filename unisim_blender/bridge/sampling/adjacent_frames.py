@@ -66,7 +66,9 @@ def sample_now(
         if obj.name in stepped:
             if not obj.mesh and not scaling.fault:
                 scaling = scaling._replace(fault=stepped[obj.name].fault)
-            poses, there = _displaced(stepped[obj.name], obj.poses[0], bool(obj.there[0])), stepped[obj.name].there
+            poses, there = stepped[obj.name].poses, stepped[obj.name].there
+            if obj.there[0]:  # displaced as the pose now is by a change without a key; hidden objects are not evaluated
+                poses = obj.poses[0] @ np.linalg.inv(stepped[obj.name].now) @ poses
         else:
             poses = obj.poses[0] @ np.linalg.inv(keyed_pose(owner, now)) @ keyed_poses(owner, clock.frames)
             keyed = any(curve.data_path == "hide_viewport" for curve in curves_of(owner))
@@ -167,12 +169,6 @@ def moved_by_keys(obj: bpy.types.Object) -> bool:
 def _known(scene: bpy.types.Scene, clock: Clock) -> dict[str, Stepped]:
     moment, stepped = _stepped.get(scene.name, (None, {}))
     return stepped if moment == (frame_of(scene), tuple(clock.frames)) else {}
-
-
-def _displaced(stepped: Stepped, now: FloatArray, there: bool) -> FloatArray:
-    """Poses (N, 4, 4), displaced as the pose now (4, 4) is by a change without a key. Hidden objects
-    are not evaluated."""
-    return now @ np.linalg.inv(stepped.now) @ stepped.poses if there else stepped.poses
 
 
 @persistent

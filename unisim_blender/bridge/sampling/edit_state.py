@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from typing import Any
 
 import bpy
 import numpy as np
-from numpy.typing import NDArray
 
 from ..objects.animation import curves_of
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects
@@ -49,7 +47,8 @@ def _placed(obj: bpy.types.Object) -> list[object]:
         kinds = np.empty(len(curve.keyframe_points), np.int32)
         curve.keyframe_points.foreach_get("co", points)
         curve.keyframe_points.foreach_get("interpolation", kinds)
-        said += [curve.data_path, curve.array_index, curve.mute, hash_of(points, kinds)]
+        keys = hashlib.blake2b(points.tobytes() + kinds.tobytes(), digest_size=8).hexdigest()
+        said += [curve.data_path, curve.array_index, curve.mute, keys]
     strips = [strip for track in data.nla_tracks for strip in track.strips] if data is not None else []
     said += [(s.name, s.frame_start, s.frame_end, s.scale, s.mute, s.action.name if s.action else "") for s in strips]
     if data is not None:
@@ -64,14 +63,6 @@ def _placed(obj: bpy.types.Object) -> list[object]:
     if obj.parent is not None:
         said += [obj.parent.name, *(_plain(row) for row in obj.matrix_parent_inverse)]
     return said
-
-
-def hash_of(*arrays: NDArray[Any]) -> str:
-    """Return a digest of arrays' bytes."""
-    digest = hashlib.blake2b(digest_size=8)
-    for array in arrays:
-        digest.update(array.tobytes())
-    return digest.hexdigest()
 
 
 def _plain(value: str | Iterable[float]) -> object:

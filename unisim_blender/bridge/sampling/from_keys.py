@@ -108,7 +108,7 @@ class Sampler:
                 tuple(self._pending(obj).ravel().round(6).tolist()),
                 obj.name in self.shown,
                 moved_by_keys(obj),
-                _lens(obj),
+                tuple(getattr(obj.data, name) for name in LENS_PROPERTIES if obj.type == "CAMERA"),
             )
             self._signatures[obj.name] = own if obj.parent is None else (*own, hash(self.signature(obj.parent)))
         return self._signatures[obj.name]
@@ -176,10 +176,6 @@ def _curve_state(curve: bpy.types.FCurve) -> tuple[object, ...]:
     points.foreach_get("interpolation", interpolations)
     state = curve.data_path, curve.array_index, curve.extrapolation, curve.mute, len(curve.modifiers)
     return (*state, hash((*parts, interpolations.tobytes())))
-
-
-def _lens(obj: bpy.types.Object) -> tuple[object, ...]:
-    return tuple(getattr(obj.data, name) for name in LENS_PROPERTIES) if obj.type == "CAMERA" else ()
 
 
 def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[StepsDone, None, Sampled]:
