@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import bpy
 
-from ..bridge.window import redraw_rendered
+from ..bridge.window import redraw_rendered, run_soon
 from ..editing.layout.overlays import Rectangle
 from ..editing.texts import Text
 from ..process.preparation import PREPARATION
@@ -60,8 +60,8 @@ def draw() -> None:
         return
     scale = context.preferences.system.ui_scale
     mode, options = view.comparison.mode, options_of(context.space_data)
-    if mode == "FLICKER" and not bpy.app.timers.is_registered(_turn):
-        bpy.app.timers.register(_turn, first_interval=FLICKER_S)
+    if mode == "FLICKER":
+        run_soon(_turn, FLICKER_S)
     image = shown_image(context, view)
     if image.width < 1 or image.height < 1:
         return

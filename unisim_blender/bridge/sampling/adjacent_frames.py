@@ -22,7 +22,7 @@ from ...editing.sampled.scene import Sampled, rigid, scaling_of
 from ..objects.animation import curves_of, keys_hide, shown_by_keys
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects
 from ..objects.trajectories import keyed_pose, keyed_poses
-from ..window import redraw
+from ..window import redraw, run_soon
 from .stepping import frame_of, sample
 
 BESIDE_SCENE = "UniSim beside"
@@ -137,8 +137,7 @@ def evaluate_beside(
 def step_soon(scene: bpy.types.Scene, clock: Clock, also: Iterable[bpy.types.Object] = ()) -> None:
     """Have a timer evaluate what is `lacking`, and the views drawn again then."""
     _asked[scene.name] = clock, tuple(obj.name for obj in also)
-    if not bpy.app.timers.is_registered(_step_asked):
-        bpy.app.timers.register(_step_asked, first_interval=0.0)
+    run_soon(_step_asked)
 
 
 def _step_asked() -> float | None:
