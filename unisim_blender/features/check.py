@@ -14,7 +14,6 @@ from bpy.props import FloatVectorProperty, IntProperty, StringProperty
 from ..bridge.changes.following import dragging
 from ..bridge.objects.imported import source_of
 from ..bridge.sampling.edit_state import edit_state
-from ..bridge.sampling.stepping import sample_all
 from ..bridge.window import choose, drive, redraw, run_soon
 from ..core.world.drive import Drive
 from ..editing.motion.kinematics import Limits
@@ -98,12 +97,8 @@ class UNISIM_OT_check(Needing, AtOnce, bpy.types.Operator):
         source = source_of(scene)
         drive, is_trained = source.drive, source.scene_path is not None
         clock, limits = Clock.of(drive), limits_of(scene)
-        if self.timer is None:
-            sampled = sample_all(scene, clock)
-            warnings = findings_of(sampled, drive, limits, is_trained)
-        else:
-            sampled = yield from sampled_in_steps(scene, clock)
-            warnings = yield from in_thread(lambda: findings_of(sampled, drive, limits, is_trained))
+        sampled = yield from sampled_in_steps(scene, clock)
+        warnings = yield from in_thread(lambda: findings_of(sampled, drive, limits, is_trained))
         note = shadow_note(sampled, drive, is_trained)
         check.shadows.text, check.shadows.text_parts = note, packed(note)
         check.warnings.clear()
@@ -151,7 +146,6 @@ class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
     tasks = ("EDIT",)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw a line for each finding, which jumps to the place."""
         self.layout.operator("unisim.check", icon="CHECKMARK")
         check, outdated = context.scene.unisim_check, is_outdated(context.scene)
         if not check.state:

@@ -28,7 +28,7 @@ from ...preferences import device, interpreter
 from ...process.background import launch
 from ...process.tasks import Task
 from ...translations import localized, message
-from ..drive.export_operators import scenario_of
+from ..drive.export_operators import scenario_of, scenario_steps
 from ..operator_bases import Needing, in_thread, nothing_runs
 from ..output.operators import sensor_options, width_options
 from ..problems import fail
@@ -55,11 +55,9 @@ class BatchTask(Task):
 
     @property
     def done(self) -> float:
-        """Units that have ended."""
         return float(self.reused + self.finished + self.failed)
 
     def hear(self, event: dict[str, Any]) -> None:
-        """Take what the command line says: how many units there are, and each that ends."""
         if event["event"] == "start":
             self.total, self.reused = float(event["units"]), event["kept"]
             self.before = self.done
@@ -69,14 +67,12 @@ class BatchTask(Task):
             self.failed += 1
 
     def measure(self) -> str:
-        """Units of how many, and how many failed."""
         if not self.total:
             return message("Checking scenarios")
         units = super().measure()
         return units if not self.failed else message("{units}, {count} failed", units=units, count=self.failed)
 
     def speed(self, rate: float) -> str:
-        """Units a minute."""
         return message(", {rate:.1f} units/min", rate=60 * rate)
 
 
@@ -131,7 +127,6 @@ class UNISIM_OT_submit_batch(Needing, Simulates, bpy.types.Operator):
     needs = (drive, variant_marked, place_known, is_driven, nothing_runs)
 
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
-        """Read all variants, write them and their sweeps, and start the command line on these."""
         scene = context.scene
         folder, place, about = jobs_folder(scene), batch_place(scene), scene.unisim_batch
         assert folder is not None  # the button is grey without
@@ -142,7 +137,7 @@ class UNISIM_OT_submit_batch(Needing, Simulates, bpy.types.Operator):
         read: dict[str, Scenario] = {}
         for variant in marked_variants(scene):
             path = folder / f"{names[variant.name]}.json"
-            scenario = yield from self.scenario(variant, path, self.start_of(variant) if driver else None)
+            scenario = yield from scenario_steps(variant, path, self.start_of(variant) if driver else None)
             scenario = as_simulated(scenario) if driver else scenario
             read[names[variant.name]] = replace(scenario, name=variant.name, path=path)
         sweeps = {name: sweep_document(name, f"{name}.json", parameters, driver) for name in read} if parameters else {}
@@ -180,7 +175,6 @@ class UNISIM_OT_add_parameter(Needing, bpy.types.Operator):
     at: EnumProperty(name="Field", description="Field of the scenario", items=field_items, options={"SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Read the scenario and offer its fields."""
         try:
             find_fields(context.scene)
         except UnisimError as fault:
@@ -192,7 +186,6 @@ class UNISIM_OT_add_parameter(Needing, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Add the parameter, with the value that the scenario has."""
         field = next((other for other in _fields if other.pointer == self.at), None)
         if field is None:
             return {"CANCELLED"}
@@ -235,7 +228,6 @@ class UNISIM_OT_remove_parameter(bpy.types.Operator):
     index: IntProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Remove it."""
         context.scene.unisim_batch.parameters.remove(self.index)
         return {"FINISHED"}
 
@@ -258,5 +250,4 @@ class UNISIM_OT_open_report(Needing, bpy.types.Operator):
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """As Blender opens pages."""
         return bpy.ops.wm.url_open(url=report_path(context.scene).as_uri())

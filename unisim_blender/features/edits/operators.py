@@ -40,7 +40,6 @@ class _OfEdit(Needing):
 
     @reporting
     def execute(self: Any, context: bpy.types.Context) -> set[str]:
-        """Find the line and do it; the list is read again."""
         self.do(context, self.line(context))
         return {"FINISHED"}
 
@@ -53,7 +52,6 @@ class UNISIM_OT_go_to_edit(_OfEdit, bpy.types.Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
-        """Say what the edit is, in full, with its frames."""
         key = properties.kind, properties.name, properties.part
         for line in reading_of(context.scene).lines:
             if (line.key, line.muted) == (key, properties.muted):
@@ -66,7 +64,6 @@ class UNISIM_OT_go_to_edit(_OfEdit, bpy.types.Operator):
         return tooltip(str(cls.__doc__))
 
     def do(self, context: bpy.types.Context, line: EditLine) -> None:
-        """Jump."""
         scene = context.scene
         frame = nearest_frame(line.frames, scene.frame_current)
         if frame != scene.frame_current:
@@ -92,7 +89,6 @@ class UNISIM_OT_revert_edit(_OfEdit, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     def do(self, context: bpy.types.Context, line: EditLine) -> None:
-        """Revert it; a muted one is deleted."""
         scene = context.scene
         if line.muted >= 0:
             drop(scene, line.muted)
@@ -110,13 +106,11 @@ class UNISIM_OT_mute_edit(_OfEdit, bpy.types.Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
-        """Say which of the two it does."""
         if properties.muted >= 0:
             return tooltip("Let the edit count again; an edit of the same object that cannot stand beside it is muted")
         return tooltip("Mute the edit: it stays in the file and counts in no image, sweep or scenario")
 
     def do(self, context: bpy.types.Context, line: EditLine) -> None:
-        """Mute or unmute it."""
         scene = context.scene
         if line.muted < 0:
             mute(scene, source_of(scene), line)

@@ -19,7 +19,7 @@ from ...preferences import device, interpreter
 from ...process.background import launch
 from ...process.tasks import SequenceTask, Task
 from ...translations import message
-from ..drive.export_operators import ReadsScenes
+from ..drive.export_operators import scenario_steps
 from ..operator_bases import AtOnce, Needing, in_thread, nothing_runs, reporting
 from ..problems import fail
 
@@ -63,7 +63,7 @@ def width_options(scene: bpy.types.Scene) -> list[str]:
     return ["--width", str(max(MIN_WIDTH, width))] if width else []
 
 
-class UNISIM_OT_render_sequence(Needing, AtOnce, ReadsScenes, bpy.types.Operator):
+class UNISIM_OT_render_sequence(Needing, AtOnce, bpy.types.Operator):
     """Render the sensors over the frame range into the output folder, in the background; finished frames are kept"""
 
     bl_label = "Render Sequence"
@@ -76,7 +76,7 @@ class UNISIM_OT_render_sequence(Needing, AtOnce, ReadsScenes, bpy.types.Operator
         folder = output_folder(scene)
         sensors = output_sensors(scene, context.selected_objects, source_of(scene).drive)
         folder.mkdir(parents=True, exist_ok=True)
-        scenario = yield from self.scenario(scene, folder / SCENARIO)
+        scenario = yield from scenario_steps(scene, folder / SCENARIO)
         yield from in_thread(lambda: write_scenario(scenario, folder / SCENARIO))
         wanted = rendered_keys(scene, scenario, source_of(scene).drive)
         task = SequenceTask(render_arguments(scene, folder, sensors), folder, float(len(wanted)), interpreter())

@@ -36,7 +36,7 @@ from ...preferences import device, interpreter
 from ...process.background import launch
 from ...process.tasks import SequenceTask
 from ...translations import interface, localized, message, tooltip
-from ..drive.export_operators import ReadsScenes
+from ..drive.export_operators import scenario_steps
 from ..operator_bases import AtOnce, Needing, in_thread, nothing_runs
 from ..output.operators import sensor_options, width_options
 from .properties import driver_of
@@ -79,7 +79,7 @@ def driver_named(context: bpy.types.Context) -> Need:
     return driver_of(context.scene), "Name the driver first: module:function, or its address"
 
 
-class Simulates(AtOnce, ReadsScenes):
+class Simulates(AtOnce):
     """Base of operators that simulate."""
 
     def start_of(self, scene: bpy.types.Scene) -> float | None:
@@ -101,7 +101,7 @@ class Simulates(AtOnce, ReadsScenes):
         command = ["--driver", driver, "--device", device()]
         command += ["--driver-address", about.address.strip()] if is_remote(driver) else []
         command += [*sensor_options(sensors), *renderer_options(about.renderer), *width_options(scene)]
-        read = yield from self.scenario(scene, parent / "scenario.json", self.start_of(scene))
+        read = yield from scenario_steps(scene, parent / "scenario.json", self.start_of(scene))
         scenario, scene_name, opened = stated.as_simulated(read), scene.name, rollout_folder(scene)
         if opened is not None and scene_name == opened.name:  # rollouts of rollouts are named alike
             scene_name = variant_of(opened)
