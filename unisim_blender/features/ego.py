@@ -7,7 +7,7 @@ from ..bridge.changes.motion import displaced_along
 from ..bridge.objects.ego_bodies import make_body, release_body
 from ..bridge.objects.imported import imported_objects
 from ..bridge.objects.meshes import parts
-from ..bridge.window import allowed, choose, chosen, object_mode, refresh, selected, vehicle
+from ..bridge.window import choose, chosen, object_mode, refresh, selected, vehicle
 from ..core.errors import UnisimError
 from ..core.scenario.edits.ego_body import DEFAULT_LABEL
 from ..translations import message
@@ -37,6 +37,11 @@ class UNISIM_OT_shift_ego(Needing, bpy.types.Operator):
             displaced_along(ego, (0.0, self.left_m, 0.0))
         refresh(vehicles)
         return {"FINISHED"}
+
+
+def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Return the objects that are the ego vehicle's body."""
+    return [obj for obj in scene.objects if obj.unisim.kind == "BODY"]
 
 
 PLACES = (
@@ -80,23 +85,19 @@ class UNISIM_OT_ego_body(Needing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_release_ego_body(bpy.types.Operator):
+class UNISIM_OT_release_ego_body(Needing, bpy.types.Operator):
     """Turn the selected ego bodies, or all if none is selected, back into ordinary objects, which no sensor sees"""
 
     bl_label = "Release Ego Body"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """There has to be a body."""
-        there = any(obj.unisim.kind == "BODY" for obj in context.scene.objects)
-        return allowed(
-            cls, object_mode(context), (there, "No mesh is the ego vehicle's body: Use as Ego Body makes one")
-        )
+    needs = (
+        object_mode,
+        lambda context: (bodies_of(context.scene), "No mesh is the ego vehicle's body: Use as Ego Body makes one"),
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Take them off the vehicle."""
-        every = [obj for obj in context.scene.objects if obj.unisim.kind == "BODY"]
+        every = bodies_of(context.scene)
         released = [obj for obj in every if obj.select_get()] or every
         for obj in released:
             release_body(obj)
@@ -114,9 +115,8 @@ class UNISIM_PT_ego(DrivePanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the operators."""
-        bodies = [obj.name for obj in context.scene.objects if obj.unisim.kind == "BODY"]
         column = self.layout.column(align=True)
-        row_of(column, "Body", ", ".join(bodies), "AUTO")
+        row_of(column, "Body", ", ".join(body.name for body in bodies_of(context.scene)), "AUTO")
         column.operator("unisim.ego_body", icon="MESH_MONKEY")
         column.operator("unisim.release_ego_body", icon="X")
         self.layout.operator("unisim.shift_ego", icon="ARROW_LEFTRIGHT")

@@ -46,7 +46,7 @@ class Needing:
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Return whether all needs are met."""
-        return allowed(cls, *(need(context) for need in cls.needs))
+        return all(allowed(cls, need(context)) for need in cls.needs)
 
 
 def nothing_runs(context: bpy.types.Context) -> Need:

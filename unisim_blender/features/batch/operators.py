@@ -232,7 +232,7 @@ class UNISIM_OT_remove_parameter(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def report_path(scene: bpy.types.Scene) -> Any:
+def report_path(scene: bpy.types.Scene) -> Path | None:
     """Return the report of a scene's batch; None where it has none on this machine."""
     place = batch_place(scene)
     path = Path(place) / REPORT
@@ -250,4 +250,6 @@ class UNISIM_OT_open_report(Needing, bpy.types.Operator):
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        return bpy.ops.wm.url_open(url=report_path(context.scene).as_uri())
+        path = report_path(context.scene)
+        assert path is not None  # the button is grey without
+        return bpy.ops.wm.url_open(url=path.as_uri())

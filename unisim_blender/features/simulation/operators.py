@@ -14,7 +14,7 @@ from bpy.props import IntProperty, StringProperty
 from ...bridge.objects.imported import source_of
 from ...bridge.objects.settings import modelled, output_sensors, rollout_folder
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.window import Need, allowed, chosen, drive, folder_on_disk, selected
+from ...bridge.window import Need, chosen, drive, folder_on_disk, selected
 from ...core.errors import UnisimError
 from ...editing.sampled.clock import Clock
 from ...editing.simulation import stated
@@ -180,22 +180,24 @@ class UNISIM_OT_drive_on(Needing, Simulates, bpy.types.Operator):
         yield from super().work(context)
 
 
-class UNISIM_OT_same_model(bpy.types.Operator):
+def active_actor(context: bpy.types.Context) -> Need:
+    """An actor of the scene is active."""
+    obj = context.active_object
+    there = obj is not None and obj.unisim.kind == "ACTOR" and obj.name in context.scene.objects
+    return there, "Make an actor active first: click it"
+
+
+class UNISIM_OT_same_model(Needing, bpy.types.Operator):
     """Give the selected actors the model of the active one, with its parameters"""
 
     bl_label = "Same for Selected"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """An actor has to be active, and others be selected."""
-        return allowed(
-            cls,
-            drive(context),
-            active_actor(context),
-            selected("Select an actor first", "ACTOR")(context),
-            (len(chosen(context, "ACTOR")) > 1, "Select further actors: the active one has this model already"),
-        )
+    needs = (
+        drive,
+        active_actor,
+        selected("Select an actor first", "ACTOR"),
+        lambda context: (chosen(context, "ACTOR")[1:], "Select further actors: the active one has this model already"),
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Copy the document."""
@@ -206,18 +208,14 @@ class UNISIM_OT_same_model(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_forget_model(bpy.types.Operator):
+class UNISIM_OT_forget_model(Needing, bpy.types.Operator):
     """Let the actor move as all others do in simulations"""
 
     bl_label = "As All Others"
     bl_options = {"REGISTER", "UNDO"}
+    needs = (drive, lambda context: (modelled(context.scene), "No actor has a model of its own"))
 
     name: StringProperty(name="Actor", description="The object's name", options={"SKIP_SAVE"})
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """An actor has to have a model."""
-        return allowed(cls, drive(context), (modelled(context.scene), "No actor has a model of its own"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Take the model away."""
@@ -316,10 +314,3 @@ def list_row(layout: Any) -> list[Any]:
         cells.append(split.row(align=True))
         left -= width
     return [*cells, split.row(align=True)]
-
-
-def active_actor(context: bpy.types.Context) -> Need:
-    """An actor of the scene is active."""
-    obj = context.active_object
-    there = obj is not None and obj.unisim.kind == "ACTOR" and obj.name in context.scene.objects
-    return there, "Make an actor active first: click it"
