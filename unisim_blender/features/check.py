@@ -171,9 +171,7 @@ class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
 
 HANDLERS = (
     ("depsgraph_update_post", compare_soon),
-    ("load_post", compare_all),
-    ("undo_post", compare_all),
-    ("redo_post", compare_all),
+    *((name, compare_all) for name in ("load_post", "undo_post", "redo_post")),
 )
 TIMERS = (compare,)
 

@@ -209,14 +209,11 @@ def find_fields(scene: bpy.types.Scene) -> None:
     path = Path(bpy.path.abspath("//")).absolute() / "scenario.json"
     names = plain_names(source_of(scene).drive.actors)
     _fields[:] = fields_of(scenario_to_json(scenario_of(scene, path)), names)
+    values = [field.value if isinstance(field.value, str) else f"{field.value:.4g}" for field in _fields]
     _items[:] = [
-        (field.pointer, f"{localized(field.label)} = {_said(field.value)}", field.pointer) for field in _fields
+        (field.pointer, f"{localized(field.label)} = {value}", field.pointer)
+        for field, value in zip(_fields, values, strict=True)
     ]
-
-
-def _said(value: float | str) -> str:
-    """Return a value as it is shown."""
-    return value if isinstance(value, str) else f"{value:.4g}"
 
 
 class UNISIM_OT_remove_parameter(bpy.types.Operator):

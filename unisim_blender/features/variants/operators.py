@@ -90,9 +90,6 @@ class VariantsTask(SequenceTask):
         return code
 
 
-FIRST = "Variant 2"
-
-
 def marked_variants(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
     """Return the variants that are marked in the list of variants."""
     return [variant for variant in variants_of(scene) if variant.unisim_edits.rendered] if scene.unisim.log else []
@@ -127,7 +124,7 @@ class UNISIM_OT_new_variant(_Named, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     def proposed(self, context: bpy.types.Context) -> str:
-        return free_variant_name(FIRST, bpy.data.scenes)
+        return free_variant_name("Variant 2", bpy.data.scenes)
 
     def do(self, context: bpy.types.Context, name: str) -> None:
         variant = new_variant(context.window, context.scene, name)
