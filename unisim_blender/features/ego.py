@@ -31,7 +31,6 @@ class UNISIM_OT_shift_ego(Needing, bpy.types.Operator):
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Displace its whole trajectory."""
         vehicles = list(imported_objects(context.scene, "EGO"))
         for ego in vehicles:
             displaced_along(ego, (0.0, self.left_m, 0.0))
@@ -96,7 +95,6 @@ class UNISIM_OT_release_ego_body(Needing, bpy.types.Operator):
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Take them off the vehicle."""
         every = bodies_of(context.scene)
         released = [obj for obj in every if obj.select_get()] or every
         for obj in released:
@@ -114,7 +112,6 @@ class UNISIM_PT_ego(DrivePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the operators."""
         column = self.layout.column(align=True)
         row_of(column, "Body", ", ".join(body.name for body in bodies_of(context.scene)), "AUTO")
         column.operator("unisim.ego_body", icon="MESH_MONKEY")

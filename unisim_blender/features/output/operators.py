@@ -70,7 +70,6 @@ class UNISIM_OT_render_sequence(Needing, AtOnce, bpy.types.Operator):
     needs = (drive, nothing_runs)
 
     def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
-        """Write the scenario beside the frames and start the command line on it."""
         scene = context.scene
         folder = output_folder(scene)
         sensors = output_sensors(scene, context.selected_objects, source_of(scene).drive)
@@ -123,7 +122,6 @@ class UNISIM_OT_open_output(Needing, bpy.types.Operator):
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """As Blender opens folders."""
         return bpy.ops.wm.path_open(filepath=str(known_folder(context.scene)))
 
 
@@ -146,7 +144,6 @@ class UNISIM_OT_play_result(Needing, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Start the player as a process of its own."""
         frames, render = results_of(context.scene).get(self.camera), context.scene.render
         if frames is None:
             raise UnisimError(message('camera "{name}" has no images in the output folder', name=self.camera))
@@ -182,7 +179,6 @@ class UNISIM_OT_make_film(Needing, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Start the command line."""
         scene = context.scene
         folder, sensors = output_folder(scene), output_sensors(scene, context.selected_objects, source_of(scene).drive)
         task = FilmTask(["film", str(folder), "--json", *sensor_options(sensors)], folder, 0.0, interpreter())
@@ -205,5 +201,4 @@ class UNISIM_OT_open_film(Needing, bpy.types.Operator):
     needs = (drive, lambda context: (film_of(context.scene), "There is no film yet: make one first"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """As Blender opens files."""
         return bpy.ops.wm.path_open(filepath=str(film_of(context.scene)))

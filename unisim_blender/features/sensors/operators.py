@@ -78,7 +78,6 @@ class UNISIM_OT_look_through(_OfSensor, bpy.types.Operator):
     bl_label = "Look Through Camera"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Make it the active camera, and show what it sees in this 3D view."""
         camera = self.sensor(context)
         if camera is None or camera.type != "CAMERA":
             return {"CANCELLED"}
@@ -97,7 +96,6 @@ class UNISIM_OT_show_sensor(_OfSensor, bpy.types.Operator):
     bl_label = "Show or Hide Sensor"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Turn it over."""
         sensor = self.sensor(context)
         if sensor is None:
             return {"CANCELLED"}
@@ -156,7 +154,6 @@ class _Beams:
     )
 
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for one's own table."""
         return context.window_manager.invoke_props_dialog(self) if self.preset == OWN else self.execute(context)
 
     def draw(self: Any, context: bpy.types.Context) -> None:

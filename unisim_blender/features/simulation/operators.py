@@ -51,7 +51,6 @@ class RolloutTask(SequenceTask):
 
     @property
     def done(self) -> float:
-        """Steps that are finished."""
         return float(count_steps(self.folder))
 
 
@@ -92,7 +91,6 @@ class Simulates(AtOnce):
         return start_s if start_s > begin + 1e-6 else None
 
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
-        """Write the scenario beside the rollout's folder and start the command line on it."""
         scene = context.scene
         parent, source, about = rollouts_folder(scene), source_of(scene), scene.unisim_simulation
         assert parent is not None  # the button is grey without
@@ -200,7 +198,6 @@ class UNISIM_OT_same_model(Needing, bpy.types.Operator):
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Copy the document."""
         document, actors = context.active_object.unisim_model.document, chosen(context, "ACTOR")
         for obj in actors:
             obj.unisim_model.document = document
@@ -218,7 +215,6 @@ class UNISIM_OT_forget_model(Needing, bpy.types.Operator):
     name: StringProperty(name="Actor", description="The object's name", options={"SKIP_SAVE"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Take the model away."""
         obj = context.scene.objects.get(self.name)
         if obj is None:
             self.report({"WARNING"}, message('"{name}" is not there any more', name=self.name))
@@ -256,7 +252,6 @@ class UNISIM_OT_sort_rollouts(bpy.types.Operator):
         return tooltip(COLUMNS[properties.column].about) if properties.column >= 0 else ""
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Note the column."""
         UNISIM_OT_compare_rollouts.sorted_by = self.column
         return {"FINISHED"}
 
@@ -270,7 +265,6 @@ class UNISIM_OT_compare_rollouts(Needing, bpy.types.Operator):
     sorted_by = -1
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Show the list."""
         return context.window_manager.invoke_popup(self, width=LIST_WIDTH)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
