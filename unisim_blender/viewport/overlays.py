@@ -7,12 +7,11 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..bridge.objects.imported import imported_objects, source_of
+from ..bridge.objects.imported import drive_of, imported_objects
 from ..bridge.objects.sensors import camera_model_of
 from ..bridge.sampling.stepping import frame_of
 from ..bridge.views.trails import outline, trail
 from ..bridge.window import chosen
-from ..core.errors import UnisimError
 from ..core.geometry import FloatArray, invert_pose
 from ..editing.layout.speed_graph import GraphShapes
 from ..editing.sampled.clock import Clock
@@ -42,12 +41,9 @@ def draw_trails() -> None:
     about = scene.unisim
     selected = chosen(context, "ACTOR", "EGO")[:MAX_DRAWN] if about.show_ways else []
     sensors = chosen(context, "CAMERA", "LIDAR")[:MAX_DRAWN] if about.show_sensors else []
-    if not selected and not sensors:
+    drive = drive_of(scene)
+    if drive is None or (not selected and not sensors):
         return
-    try:
-        drive = source_of(scene).drive
-    except (UnisimError, OSError):
-        return  # the panel says so
     clock, frame = Clock.of(drive), frame_of(scene)
     lines = [trail(obj, drive, clock, frame) for obj in selected]
     lines += [outline(scene, obj, drive, frame) for obj in sensors]

@@ -8,9 +8,8 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 from mathutils import Euler
 
-from ...bridge.objects.imported import imported_objects, source_of
+from ...bridge.objects.imported import drive_of, imported_objects
 from ...bridge.window import choose, drive, object_mode
-from ...core.errors import UnisimError
 from ...editing.actors.table import ActorFilter, nearest_present
 from ...editing.sampled.clock import Clock
 from ...editing.texts import translatable
@@ -145,11 +144,10 @@ class UNISIM_OT_choose_actor(Needing, bpy.types.Operator):
 def frame_to_show(context: bpy.types.Context, obj: bpy.types.Object, seconds: float, jump: bool) -> int | None:
     """Return the frame to go to for an actor: that of ``seconds`` where they are not negative, else the nearest at
     which it is there; None where the frame stays."""
-    scene = context.scene
-    try:
-        clock = Clock.of(source_of(scene).drive)
-    except (UnisimError, OSError):
+    scene, drive = context.scene, drive_of(context.scene)
+    if drive is None:
         return None
+    clock = Clock.of(drive)
     if seconds >= 0:
         return int(round(float(clock.frame(np.array(seconds)))))
     entry = listing.table_of(scene).entries.get(obj.session_uid)

@@ -6,10 +6,9 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ...bridge.objects.imported import source_of
+from ...bridge.objects.imported import drive_of
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.views.rollouts import forget, rollout_lines
-from ...core.errors import UnisimError
 from ...editing.layout.trails import TrailSegments
 from ...editing.sampled.clock import Clock
 from ...registering import Drawing
@@ -22,11 +21,8 @@ def lines_now(scene: bpy.types.Scene) -> TrailSegments | None:
     about = scene.unisim_simulation
     if not scene.unisim.log or not about.rollout or not (about.show_plans or about.show_ghost):
         return None
-    try:
-        drive = source_of(scene).drive
-    except (UnisimError, OSError):
-        return None  # the panel says so
-    return rollout_lines(scene, drive, Clock.of(drive), frame_of(scene))
+    drive = drive_of(scene)
+    return None if drive is None else rollout_lines(scene, drive, Clock.of(drive), frame_of(scene))
 
 
 def draw() -> None:
