@@ -12,15 +12,14 @@ from ..core.errors import UnisimError
 from ..core.scenario.edits.ego_body import DEFAULT_LABEL
 from ..translations import message
 from .actors.operators import DIRECTIONS, marked_above
-from .operator_bases import Needing, reporting
+from .operator_bases import Editing, reporting
 from .sidebar import DrivePanel, row_of
 
 
-class UNISIM_OT_shift_ego(Needing, bpy.types.Operator):
+class UNISIM_OT_shift_ego(Editing, bpy.types.Operator):
     """Displace the trajectory of the ego vehicle and its sensors to the left or right"""
 
     bl_label = "Shift Ego Lane"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle)
 
     left_m: FloatProperty(
@@ -49,11 +48,10 @@ PLACES = (
 )
 
 
-class UNISIM_OT_ego_body(Needing, bpy.types.Operator):
+class UNISIM_OT_ego_body(Editing, bpy.types.Operator):
     """Use the selected mesh objects and their children as the body of the ego vehicle, which sensors on it do not see"""
 
     bl_label = "Use as Ego Body"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle, selected("Select a mesh object that is not part of the drive yet", "NONE"))
 
     place: EnumProperty(name="Place", description="Where the body goes", items=PLACES)
@@ -84,11 +82,10 @@ class UNISIM_OT_ego_body(Needing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_release_ego_body(Needing, bpy.types.Operator):
+class UNISIM_OT_release_ego_body(Editing, bpy.types.Operator):
     """Turn the selected ego bodies, or all if none is selected, back into ordinary objects, which no sensor sees"""
 
     bl_label = "Release Ego Body"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (
         object_mode,
         lambda context: (bodies_of(context.scene), "No mesh is the ego vehicle's body: Use as Ego Body makes one"),

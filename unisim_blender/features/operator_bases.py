@@ -73,7 +73,7 @@ class Needing:
 
 
 class Editing(Needing):
-    """Base of operators that edit the drive, each one undo step."""
+    """Base of operators that change the file, each one undo step."""
 
     bl_options = {"REGISTER", "UNDO"}
 

@@ -21,7 +21,7 @@ from ...editing.sampled.scene import Sampled
 from ...editing.simulation.continued import as_driven, open_driven
 from ...editing.simulation.rollouts import SCENARIO
 from ...translations import message
-from ..operator_bases import InSteps, Needing, in_thread
+from ..operator_bases import Editing, InSteps, Needing, in_thread
 from .properties import PASSES
 
 
@@ -104,11 +104,10 @@ class UNISIM_OT_export_scenario(Needing, InSteps, bpy.types.Operator, ExportHelp
         )
 
 
-class UNISIM_OT_use_frame_range(Needing, bpy.types.Operator):
+class UNISIM_OT_use_frame_range(Editing, bpy.types.Operator):
     """Render and export the frame range of the scene in place of the frames or times that the imported scenario states"""
 
     bl_label = "Use Frame Range"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (
         drive,
         lambda context: (captures_stated(context.scene), "The frame range is what is rendered already"),

@@ -19,7 +19,7 @@ from ...core.world.drive import CameraModel, LidarModel
 from ...editing.layout.shapes import DISPLAY_M
 from ...editing.sensors.mounts import lidar_json, own_table
 from ...translations import message
-from ..operator_bases import Needing, reporting
+from ..operator_bases import Editing, Needing, reporting
 
 OWN = "OWN"
 OWN_TABLE = "15, 10, 5, 2, 0, -2, -4, -7, -10, -15"
@@ -196,11 +196,10 @@ class UNISIM_OT_add_lidar(_OnVehicle, _Beams, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_set_beams(Needing, _Beams, bpy.types.Operator):
+class UNISIM_OT_set_beams(Editing, _Beams, bpy.types.Operator):
     """Change the beam table of the selected LiDARs"""
 
     bl_label = "Change Beams"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select a LiDAR first", "LIDAR"))
 
     @reporting

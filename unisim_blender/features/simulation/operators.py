@@ -37,7 +37,7 @@ from ...process.background import launch
 from ...process.tasks import SequenceTask
 from ...translations import interface, localized, message, tooltip
 from ..drive.export_operators import scenario_steps
-from ..operator_bases import AtOnce, Needing, in_thread, nothing_runs
+from ..operator_bases import AtOnce, Editing, Needing, in_thread, nothing_runs
 from ..output.operators import sensor_options, width_options
 from .properties import driver_of
 
@@ -185,11 +185,10 @@ def active_actor(context: bpy.types.Context) -> Need:
     return there, "Make an actor active first: click it"
 
 
-class UNISIM_OT_same_model(Needing, bpy.types.Operator):
+class UNISIM_OT_same_model(Editing, bpy.types.Operator):
     """Give the selected actors the model of the active one, with its parameters"""
 
     bl_label = "Same for Selected"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (
         drive,
         active_actor,
@@ -205,11 +204,10 @@ class UNISIM_OT_same_model(Needing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_forget_model(Needing, bpy.types.Operator):
+class UNISIM_OT_forget_model(Editing, bpy.types.Operator):
     """Let the actor move as all others do in simulations"""
 
     bl_label = "As All Others"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (drive, lambda context: (modelled(context.scene), "No actor has a model of its own"))
 
     name: StringProperty(name="Actor", description="The object's name", options={"SKIP_SAVE"})

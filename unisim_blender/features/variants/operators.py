@@ -26,7 +26,7 @@ from ...process.background import launch
 from ...process.tasks import SequenceTask, newest_image
 from ...translations import message
 from ..drive.export_operators import scenario_steps
-from ..operator_bases import AtOnce, InSteps, Needing, nothing_runs, reporting
+from ..operator_bases import AtOnce, Editing, InSteps, Needing, nothing_runs, reporting
 from ..output.operators import SCENARIO, output_folder, render_arguments
 
 
@@ -100,7 +100,7 @@ def variant_marked(context: bpy.types.Context) -> Need:
     return marked_variants(context.scene), "Mark a variant in the list first"
 
 
-class _Named(Needing):
+class _Named(Editing):
     """An operator that asks for a variant's name."""
 
     needs = (object_mode, drive)
@@ -121,7 +121,6 @@ class UNISIM_OT_new_variant(_Named, bpy.types.Operator):
     """Copy the scene as a new, independent variant of the scenario and show it"""
 
     bl_label = "New Variant"
-    bl_options = {"REGISTER", "UNDO"}
 
     def proposed(self, context: bpy.types.Context) -> str:
         return free_variant_name("Variant 2", bpy.data.scenes)
@@ -135,7 +134,6 @@ class UNISIM_OT_rename_variant(_Named, bpy.types.Operator):
     """Rename the shown variant"""
 
     bl_label = "Rename Variant"
-    bl_options = {"REGISTER", "UNDO"}
 
     def proposed(self, context: bpy.types.Context) -> str:
         return context.scene.name
@@ -147,11 +145,10 @@ class UNISIM_OT_rename_variant(_Named, bpy.types.Operator):
             manager.unisim_compared = context.scene.name
 
 
-class UNISIM_OT_delete_variant(Needing, bpy.types.Operator):
+class UNISIM_OT_delete_variant(Editing, bpy.types.Operator):
     """Delete the shown variant with all its objects and keyframes, and show another one"""
 
     bl_label = "Delete Variant"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (
         object_mode,
         drive,
@@ -171,12 +168,11 @@ class UNISIM_OT_delete_variant(Needing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_show_variant(Needing, bpy.types.Operator):
+# an undo step, so that the panel of the last operation does not offer to change one of another variant
+class UNISIM_OT_show_variant(Editing, bpy.types.Operator):
     """Show this variant, at the same frame"""
 
     bl_label = "Show Variant"
-    # an undo step, so that the panel of the last operation does not offer to change one of another variant
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode,)
 
     name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
