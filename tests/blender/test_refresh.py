@@ -64,7 +64,9 @@ def test_every_operator_says_why_it_is_grey(scene: Any) -> None:
     said = []
     for module in ROOMS:
         for cls in classes_of(module):
-            if not issubclass(cls, bpy.types.Operator):
+            if (
+                not issubclass(cls, bpy.types.Operator) or cls.__name__ == "UNISIM_OT_scroll_timeline"
+            ):  # the wheel's, no button
                 continue
             if "poll" in vars(cls) or any("poll" in vars(base) for base in cls.__mro__[1:2]):
                 name = cls.bl_idname
