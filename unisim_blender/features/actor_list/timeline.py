@@ -81,24 +81,16 @@ def draw() -> None:
     gpu.state.blend_set("NONE")
     blf.size(0, TEXT_PX * scale)
     for row, entry in enumerate(timeline.rows):
-        name = shortened(
-            entry.name + (" *" if entry.edited else ""),
-            timeline.start - timeline.left - 12 * scale,
-            lambda text: blf.dimensions(0, text)[0],
-        )
-        write(
-            blf,
-            name,
-            timeline.left + 6 * scale,
-            timeline.row_bottom(row) + 4 * scale,
-            TEXT if entry.there else FAINT_TEXT,
-        )
+        name, room = entry.name + (" *" if entry.edited else ""), timeline.start - timeline.left - 12 * scale
+        name = shortened(name, room, lambda text: blf.dimensions(0, text)[0])
+        colour = TEXT if entry.there else FAINT_TEXT
+        write(blf, name, timeline.left + 6 * scale, timeline.row_bottom(row) + 4 * scale, colour)
     for time_s in timeline.ticks():
         write(blf, f"{time_s:g}", timeline.x_of(time_s) + 3 * scale, timeline.rows_top + 5 * scale, FAINT_TEXT)
     write(blf, localized(rows_text(timeline)), timeline.left + 6 * scale, timeline.rows_top + 5 * scale, FAINT_TEXT)
     label = f"{now_s:.2f} s"
-    x = min(timeline.x_of(now_s) + 4 * scale, timeline.right - blf.dimensions(0, label)[0] - 4 * scale)
     width = blf.dimensions(0, label)[0]
+    x = min(timeline.x_of(now_s) + 4 * scale, timeline.right - width - 4 * scale)
     fill(x - 4 * scale, timeline.top, x + width + 4 * scale, timeline.top + NOW_PX * scale, BACKGROUND)
     write(blf, label, x, timeline.top + 4 * scale, TEXT)
 

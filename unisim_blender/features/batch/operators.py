@@ -85,9 +85,7 @@ _items: list[tuple[str, str, str]] = []
 def batch_place(scene: bpy.types.Scene) -> str:
     """Return the folder or URL that a scene's batch goes to; "" while it is not known."""
     out = scene.unisim_batch.out.strip()
-    if "://" in out:
-        return str(out)
-    return str(folder_on_disk(out) or "")
+    return str(out if "://" in out else folder_on_disk(out) or "")
 
 
 def jobs_folder(scene: bpy.types.Scene) -> Path | None:
