@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.errors import OutputError, ScenarioError, in_a_line
+from ...core.errors import OutputError, ScenarioError, in_a_line, refused
 from ...core.files import partial_file
 from ...core.meshes.model import SUFFIX, MeshModel, write_model
 from ...core.scenario import save_scenario, scenario_from_json, scenario_to_json
@@ -244,11 +244,9 @@ def write_scenario(scenario: Scenario, path: Path) -> None:
 def _copy(source: Path, target: Path) -> None:
     if target.is_file():  # named after what it holds
         return
-    try:
+    with refused(target, "written", OutputError):
         with partial_file(target) as temporary:
             shutil.copyfile(source, temporary)
-    except OSError as fault:
-        raise OutputError(f"{target}: cannot be written: {fault.strerror}") from fault
 
 
 def file_of(model: MeshModel) -> Path:
