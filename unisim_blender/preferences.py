@@ -17,6 +17,7 @@ DEVICES = (
 
 SECTIONS: list[Callable[[bpy.types.UILayout, bpy.types.Context], None]] = []
 """What draws the further sections."""
+unregister = SECTIONS.clear
 
 
 class UniSimPreferences(bpy.types.AddonPreferences):

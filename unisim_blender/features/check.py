@@ -15,7 +15,7 @@ from ..bridge.changes.following import dragging
 from ..bridge.objects.imported import source_of
 from ..bridge.sampling.edit_state import edit_state
 from ..bridge.sampling.stepping import sample_all
-from ..bridge.window import choose, drive, redraw
+from ..bridge.window import choose, drive, redraw, run_soon
 from ..core.world.drive import Drive
 from ..editing.motion.kinematics import Limits
 from ..editing.motion.plausibility import Finding, place_of, shadow_note, warnings_of
@@ -23,12 +23,12 @@ from ..editing.motion.retiming import instant_of
 from ..editing.reading.scenario import unreadable_actors
 from ..editing.sampled.clock import Clock
 from ..editing.sampled.scene import Sampled
-from ..editing.texts import UPPER, Text, cased, packed, unpacked, wrapped
+from ..editing.texts import UPPER, Text, cased, packed, unpacked
 from ..translations import interface, localized, message
 from .drive.export_operators import sampled_in_steps
-from .edits.panel import room_of
 from .motion.properties import limits_of
 from .operator_bases import AtOnce, Needing, in_thread
+from .problems import draw_problem
 from .sidebar import DrivePanel
 
 SETTLE_S = 0.5
@@ -59,8 +59,7 @@ def compare_soon(scene: bpy.types.Scene | None = None, depsgraph: bpy.types.Deps
     """Something changed: have a timer compare."""
     if isinstance(scene, bpy.types.Scene) and not scene.unisim_check.state:
         return
-    if not bpy.app.background and not bpy.app.timers.is_registered(compare):
-        bpy.app.timers.register(compare, first_interval=SETTLE_S, persistent=True)
+    run_soon(compare, SETTLE_S, persistent=True)
 
 
 @persistent
@@ -110,12 +109,8 @@ class UNISIM_OT_check(Needing, AtOnce, bpy.types.Operator):
         check.warnings.clear()
         for warning in warnings:
             item = check.warnings.add()
-            item.name, item.frame, item.text, item.text_parts = (
-                warning.name,
-                warning.frame,
-                warning.text,
-                packed(warning.text),
-            )
+            item.name, item.frame = warning.name, warning.frame
+            item.text, item.text_parts = warning.text, packed(warning.text)
             item.time_s, item.place = float(clock.time_s(np.array(float(warning.frame)))), place_of(warning, sampled)
         check.state, check.checked = edit_state(scene), time.strftime("%Y-%m-%d %H:%M")
         _outdated[scene.session_uid] = False
@@ -172,14 +167,11 @@ class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
         column = self.layout.column(align=True)
         column.active = not outdated
         if check.shadows.text:
-            room, note = room_of(context), localized(unpacked(check.shadows.text_parts, check.shadows.text))
-            for text in wrapped(note, room.below, room.below, room.width_of):
-                column.label(text=text, translate=False)
+            draw_problem(column, localized(unpacked(check.shadows.text_parts, check.shadows.text)))
         for warning in check.warnings:
             text = f"{localized(instant_of(warning.time_s, warning.frame))}  {warning.name}"
             there = column.operator("unisim.go_to", text=text, translate=False, icon="ERROR")
-            text = localized(cased(unpacked(warning.text_parts, warning.text), UPPER))
-            column.label(text=text, translate=False)
+            column.label(text=localized(cased(unpacked(warning.text_parts, warning.text), UPPER)), translate=False)
             there.object_name, there.frame, there.place = warning.name, warning.frame, warning.place
 
 

@@ -6,6 +6,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..bridge.sampling.edit_list import reading_of
+from ..bridge.window import run_soon
 from ..editing.texts import translatable
 from .edits import watch as edit_watch
 from .output.operators import results_of
@@ -60,9 +61,9 @@ def done_steps(context: bpy.types.Context) -> set[str]:
     done = done | ({"VIEW"} if shading == "RENDERED" else set())
     done = done | ({"EDIT"} if reading_of(scene).active else set())
     done = done | ({"RENDER"} if scene.name in _rendered or results_of(scene) else set())
-    if done != before and not bpy.app.timers.is_registered(note_steps):
+    if done != before:
         _new[:] = [(scene.name, done)]
-        bpy.app.timers.register(note_steps, first_interval=0.0)  # a panel may not write while it is drawn
+        run_soon(note_steps)  # a panel may not write while it is drawn
     return done
 
 

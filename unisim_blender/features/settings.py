@@ -20,6 +20,7 @@ from ..process.background import launch, newest
 from ..process.packages import PACKAGES, PackageTask, remove
 from ..translations import interface, localized, message
 from .operator_bases import AtOnce, Needing, in_thread, nothing_runs, reporting
+from .problems import MARGIN, draw_rows
 from .sidebar import draw_task
 
 POLL_S, MB = 0.3, 1e6
@@ -90,8 +91,7 @@ class UNISIM_OT_install_package(_OfPackage, bpy.types.Operator):
             "Downloads {package} (about {size} MB) from the package index by pip, and installs it into {folder}",
             package=package.name, size=package.size_mb, folder=package.folder,
         )  # fmt: skip
-        for line in label_rows(asked, DIALOG_WIDTH - 40):
-            column.label(text=line, translate=False)
+        draw_rows(column, label_rows(asked, DIALOG_WIDTH - MARGIN))
         if not bpy.app.online_access:
             column.label(text="Blender is not allowed to go online", icon="ERROR")
             column.prop(context.preferences.system, "use_online_access")
@@ -103,8 +103,7 @@ class UNISIM_OT_install_package(_OfPackage, bpy.types.Operator):
             raise UnisimError(message("Blender is not allowed to go online"))
         interpreters.PACKAGES.mkdir(parents=True, exist_ok=True)
         folder = Path(tempfile.mkdtemp(prefix=".installing-", dir=interpreters.PACKAGES))
-        task = PackageTask([], folder, 1.0, package=PACKAGES[self.package])
-        launch(task)
+        launch(PackageTask([], folder, 1.0, package=PACKAGES[self.package]))
         return {"FINISHED"}
 
 
@@ -146,8 +145,3 @@ class UNISIM_OT_clear_cache(Needing, AtOnce, bpy.types.Operator):
 def register() -> None:
     """Add the sections."""
     SECTIONS.extend((draw_packages, draw_caches))
-
-
-def unregister() -> None:
-    """Take them away."""
-    SECTIONS.clear()

@@ -65,8 +65,7 @@ class UNISIM_OT_train(Needing, bpy.types.Operator):
         arguments += ["--preview", str(PREVIEW_S)]
         arguments += ["--width", str(self.width)] if self.width else []
         arguments += ["--resume"] if (folder / "checkpoint.safetensors").is_file() else []
-        task = TrainingTask(arguments, folder, self.minutes, interpreter())
-        launch(task)
+        launch(TrainingTask(arguments, folder, self.minutes, interpreter()))
         return {"FINISHED"}
 
 

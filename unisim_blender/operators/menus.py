@@ -3,8 +3,7 @@ that fit the kind of the active object; and the active camera's image size."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import bpy
 from bpy.app.handlers import persistent
@@ -34,37 +33,7 @@ class UNISIM_MT_object(bpy.types.Menu):
     bl_description = "Edits of the selected parts of the drive"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """As in the sidebar."""
-        layout = self.layout
-        layout.operator_menu_enum("unisim.duplicate_actor", "where")
-        layout.operator("unisim.delete_actor")
-        layout.operator("unisim.replace_appearance")
-        layout.operator_menu_enum("unisim.swap_class", "group")
-        layout.operator_menu_enum("unisim.maneuver", "kind")
-        layout.operator_menu_enum("unisim.retime_actor", "mode")
-        layout.operator("unisim.shift_actor")
-        layout.operator("unisim.follow_curve")
-        layout.operator("unisim.snap_to_ground")
-        layout.operator("unisim.mesh_actor")
-        layout.operator("unisim.release_mesh")
-        layout.operator("unisim.ego_body")
-        layout.operator("unisim.release_ego_body")
-        layout.operator("unisim.parked_row")
-        layout.operator("unisim.row_of_cones")
-        layout.separator()
-        layout.operator("unisim.mark_static")
-        layout.operator("unisim.copy_static")
-        layout.operator("unisim.forget_static")
-        layout.separator()
-        layout.operator("unisim.shift_ego")
-        layout.operator("unisim.aim_sensor")
-        layout.operator_menu_enum("unisim.set_beams", "preset")
-        layout.menu("UNISIM_MT_rig_presets")
-        layout.operator("unisim.save_rig")
-        layout.operator("unisim.restore_sensors")
-        layout.separator()
-        layout.operator("unisim.select_listed")
-        layout.operator("unisim.check")
+        draw_groups(self.layout, OBJECT_MENU)
 
 
 class UNISIM_MT_render(bpy.types.Menu):
@@ -74,13 +43,16 @@ class UNISIM_MT_render(bpy.types.Menu):
     bl_description = "Sequences, simulations, batches, variants and training"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the operators of the sidebar's Simulate and Render, which the menu search finds here."""
-        for group in RENDER_MENU:
-            for name in group.split():
-                self.layout.operator("unisim." + name)
-            self.layout.separator()
+        draw_groups(self.layout, RENDER_MENU)
 
 
+OBJECT_MENU = (
+    "duplicate_actor.where delete_actor replace_appearance swap_class.group maneuver.kind retime_actor.mode shift_actor "
+    "follow_curve snap_to_ground mesh_actor release_mesh ego_body release_ego_body parked_row row_of_cones",
+    "mark_static copy_static forget_static",
+    "shift_ego aim_sensor set_beams.preset UNISIM_MT_rig_presets save_rig restore_sensors",
+    "select_listed check",
+)
 RENDER_MENU = (
     "render_variants export_variants open_output play_result make_film open_film export_scenario",
     "simulate drive_on open_rollout compare_rollouts",
@@ -88,7 +60,22 @@ RENDER_MENU = (
     "new_variant rename_variant delete_variant",
     "train make_library",
 )
-"""Operators of the menu, in groups."""
+"""Operators of the menus, in groups, with the choice that a menu of its own offers; and a menu."""
+
+
+def draw_groups(layout: bpy.types.UILayout, groups: tuple[str, ...]) -> None:
+    """Draw a menu's groups."""
+    for number, group in enumerate(groups):
+        if number:
+            layout.separator()
+        for name in group.split():
+            operator, _, choice = name.partition(".")
+            if name.startswith("UNISIM_MT_"):
+                layout.menu(name)
+            elif choice:
+                layout.operator_menu_enum("unisim." + operator, choice)
+            else:
+                layout.operator("unisim." + operator)
 
 
 class UNISIM_MT_view(bpy.types.Menu):
@@ -98,7 +85,6 @@ class UNISIM_MT_view(bpy.types.Menu):
     bl_description = "What of the drive the views show"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the sidebar's switches, which the menu search finds here."""
         layout, scene = self.layout, context.scene
         for name in ("show_ways", "show_sensors", "show_timeline"):
             layout.prop(scene.unisim, name)
@@ -169,9 +155,8 @@ def draw_shortcuts(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     for keys, own in keys_of(__name__):
         keymap = configuration.keymaps.get(keys.name)
         for item in keymap.keymap_items if keymap is not None else ():
-            if item.idname == own.idname and getattr(item.properties, "name", "") == getattr(
-                own.properties, "name", ""
-            ):
+            names = [getattr(key.properties, "name", "") for key in (item, own)]
+            if item.idname == own.idname and names[0] == names[1]:
                 layout.context_pointer_set("keymap", keymap)
                 rna_keymap_ui.draw_kmi([], configuration, keymap, item, layout, 0)
 
@@ -195,27 +180,30 @@ def note_cameras(*_: object) -> None:
         follow_camera(scene)
 
 
-@dataclass(frozen=True)
-class Slot:
-    """An operator in a slot of the pie: its name, the text where that is not its own, an icon, and what
-    it is called with."""
+class Slot(NamedTuple):
+    """An operator in a slot of the pie: its name, text and icon, and what it is called with."""
 
     operator: str
-    text: str = ""
-    icon: str = "NONE"
-    given: dict[str, Any] = field(default_factory=dict)
+    text: str
+    icon: str
+    given: dict[str, Any] = {}
 
 
-CHECK = Slot("unisim.check", "Check Edits", "CHECKMARK")
-RENDER = Slot("unisim.render_sequence", "Render Sequence", "RENDER_ANIMATION")
 DELETE = Slot("unisim.delete_actor", "Delete", "TRASH")
-SNAP = Slot("unisim.snap_to_ground", "Snap to Ground", "SNAP_FACE")
 ADD_CAMERA = Slot("unisim.add_camera", "Add Camera", "CAMERA_DATA")
-MANEUVER = Slot("wm.call_menu_pie", "Maneuver", "CON_FOLLOWPATH", {"name": "UNISIM_MT_maneuver_pie"})
 ADD_LIDAR = Slot("unisim.add_lidar", "Add LiDAR", "CONE")
+MANEUVER = Slot("wm.call_menu_pie", "Maneuver", "CON_FOLLOWPATH", {"name": "UNISIM_MT_maneuver_pie"})
 MARK = Slot("unisim.mark_static", "Mark Static Item", "ADD")
-
-SLOTS: dict[str, tuple[Slot | None, ...]] = {
+AIM = Slot("unisim.aim_sensor", "Aim", "ORIENTATION_GIMBAL")
+OF_SENSOR = (
+    Slot("object.duplicate_move", "Duplicate", "DUPLICATE"),
+    Slot("object.delete", "Delete", "TRASH"),
+)
+OF_ALL = (
+    Slot("unisim.check", "Check Edits", "CHECKMARK"),
+    Slot("unisim.render_sequence", "Render Sequence", "RENDER_ANIMATION"),
+)
+SLOTS: dict[str, tuple[Slot, ...]] = {
     "ACTOR": (
         Slot("unisim.duplicate_actor", "Duplicate", "DUPLICATE"),
         DELETE,
@@ -223,8 +211,7 @@ SLOTS: dict[str, tuple[Slot | None, ...]] = {
         Slot("unisim.shift_actor", "Shift", "ARROW_LEFTRIGHT"),
         Slot("unisim.replace_appearance", "Replace Appearance", "FILE_REFRESH"),
         MANEUVER,
-        CHECK,
-        RENDER,
+        *OF_ALL,
     ),
     "EGO": (
         ADD_CAMERA,
@@ -233,28 +220,23 @@ SLOTS: dict[str, tuple[Slot | None, ...]] = {
         Slot("unisim.shift_ego", "Shift Lane", "ARROW_LEFTRIGHT"),
         MANEUVER,
         Slot("unisim.export_scenario", "Export Scenario", "EXPORT"),
-        CHECK,
-        RENDER,
+        *OF_ALL,
     ),
     "CAMERA": (
-        Slot("object.duplicate_move", "Duplicate", "DUPLICATE"),
-        Slot("object.delete", "Delete", "TRASH"),
+        *OF_SENSOR,
         ADD_CAMERA,
-        Slot("unisim.aim_sensor", "Aim", "ORIENTATION_GIMBAL"),
+        AIM,
         Slot("view3d.object_as_camera", "Look Through", "VIEW_CAMERA"),
         ADD_LIDAR,
-        CHECK,
-        RENDER,
+        *OF_ALL,
     ),
     "LIDAR": (
-        Slot("object.duplicate_move", "Duplicate", "DUPLICATE"),
-        Slot("object.delete", "Delete", "TRASH"),
+        *OF_SENSOR,
         ADD_LIDAR,
-        Slot("unisim.aim_sensor", "Aim", "ORIENTATION_GIMBAL"),
+        AIM,
         Slot("unisim.set_beams", "Change Beams", "LIGHT_SUN"),
         ADD_CAMERA,
-        CHECK,
-        RENDER,
+        *OF_ALL,
     ),
     "STATIC": (
         Slot("unisim.copy_static", "Copy to 3D Cursor", "DUPLICATE"),
@@ -262,9 +244,8 @@ SLOTS: dict[str, tuple[Slot | None, ...]] = {
         MARK,
         Slot("transform.translate", "Move", "ARROW_LEFTRIGHT"),
         Slot("unisim.forget_static", "Forget", "X"),
-        SNAP,
-        CHECK,
-        RENDER,
+        Slot("unisim.snap_to_ground", "Snap to Ground", "SNAP_FACE"),
+        *OF_ALL,
     ),
     "NONE": (
         Slot("unisim.insert_actor", "Insert Actor", "ADD"),
@@ -273,8 +254,7 @@ SLOTS: dict[str, tuple[Slot | None, ...]] = {
         Slot("unisim.shift_ego", "Shift Ego Lane", "ARROW_LEFTRIGHT"),
         ADD_CAMERA,
         MANEUVER,
-        CHECK,
-        RENDER,
+        *OF_ALL,
     ),
 }
 """By kind of the active object, in Blender's order: left, right, below, above, upper left and right,
@@ -296,7 +276,6 @@ class UNISIM_MT_pie(bpy.types.Menu):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there."""
         return bool(context.scene.unisim.log)
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -304,9 +283,6 @@ class UNISIM_MT_pie(bpy.types.Menu):
         pie = self.layout.menu_pie()
         pie.operator_context = "INVOKE_REGION_WIN"
         for slot in SLOTS[kind_of_active(context)]:
-            if slot is None:
-                pie.separator()
-                continue
             button = pie.operator(slot.operator, text=slot.text, icon=slot.icon)
             for name, value in slot.given.items():
                 setattr(button, name, value)
@@ -346,6 +322,4 @@ def register() -> None:
 def unregister() -> None:
     """Take them away."""
     _active.clear()
-    if draw_shortcuts in SECTIONS:
-        SECTIONS.remove(draw_shortcuts)
     bpy.types.VIEW3D_MT_object_context_menu.remove(draw_context_menu)

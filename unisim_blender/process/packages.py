@@ -124,19 +124,17 @@ class PackageTask(Task):
             why = " ".join(errors) or super().problem
         return message("{package} could not be installed: {why}", package=self.package.name, why=why)
 
-    def _run(self) -> None:
+    def _do(self) -> int:
         options = "--no-deps --only-binary :all: --no-binary asciitree --retries 2 --no-input --progress-bar raw"
         arguments = ["install", *options.split(), "--target", str(self.folder), *self.package.requirements]
-        code = self._execute(interpreters.command(sys.executable, "pip", *arguments))
         try:
+            code = self._execute(interpreters.command(sys.executable, "pip", *arguments))
             if code == 0 and not self.cancelled:
                 shutil.rmtree(self.package.folder, ignore_errors=True)
                 self.folder.rename(self.package.folder)
-        except OSError as fault:
-            self.words.append(str(fault))
-            code = 1
-        shutil.rmtree(self.folder, ignore_errors=True)
-        self.code = code
+        finally:
+            shutil.rmtree(self.folder, ignore_errors=True)
+        return code
 
 
 def remove(package: OptionalPackage) -> None:

@@ -8,8 +8,8 @@ import time
 import bpy
 from bpy.app.handlers import persistent
 
-from ..bridge.window import allowed, redraw, redraw_status_bar
-from ..editing.texts import Text
+from ..bridge.window import allowed, redraw, redraw_status_bar, run_soon
+from ..editing.texts import Text, clock_text
 from ..registering import Shortcut
 from .client import Client, Request
 
@@ -54,8 +54,7 @@ class Preparation:
         if self._since is None or self.share - self._since[1] < MIN_SHARE:
             return Text("Preparing the finished image: {share} %", share=share)
         left = (1 - self.share) * (time.monotonic() - self._since[0]) / (self.share - self._since[1])
-        time_left = f"{int(left) // 60}:{int(left) % 60:02d}"
-        return Text("Preparing the finished image: {share} %, {time} left", share=share, time=time_left)
+        return Text("Preparing the finished image: {share} %, {time} left", share=share, time=clock_text(left))
 
     @property
     def fraction(self) -> float:
@@ -72,14 +71,14 @@ class Preparation:
             self.end()
             self.log, self.share, self.problem = log, 0.0, ""
         self.first = first
-        _watch_soon()
+        run_soon(watch, POLL_S)
 
     def begin(self, worker: Client) -> None:
         """Prepare all of the log's surfels, unless that is under way, stopped or failed."""
         if self._request is None and not self.stopped and not self.problem:
             self._worker, self._since = worker, None
             self._request = worker.ask("prepare", log=self.log)
-            _watch_soon()
+            run_soon(watch, POLL_S)
 
     def end(self) -> None:
         """Cancel; the worker keeps what is done."""
@@ -107,11 +106,6 @@ class Preparation:
 PREPARATION = Preparation()
 _reported: list[tuple[float, str]] = []
 """Time and text of the last report."""
-
-
-def _watch_soon() -> None:
-    if not bpy.app.background and not bpy.app.timers.is_registered(watch):
-        bpy.app.timers.register(watch, first_interval=POLL_S)
 
 
 def watch() -> float | None:
@@ -143,7 +137,7 @@ class UNISIM_OT_stop_preparation(bpy.types.Operator):
         """Cancel, and draw the views again."""
         PREPARATION.end()
         PREPARATION.stopped = True
-        _watch_soon()
+        run_soon(watch, POLL_S)
         return {"FINISHED"}
 
 
@@ -162,7 +156,7 @@ class UNISIM_OT_resume_preparation(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Have the views ask again."""
         PREPARATION.stopped, PREPARATION.problem = False, ""
-        _watch_soon()
+        run_soon(watch, POLL_S)
         return {"FINISHED"}
 
 

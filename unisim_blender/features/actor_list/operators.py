@@ -1,16 +1,16 @@
 """Operators of the actor list and the presence timeline, and the filter of both."""
 
 import math
+from dataclasses import replace
 
 import bpy
 import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 from mathutils import Euler
 
-from ...bridge.objects.imported import imported_objects, source_of
-from ...bridge.window import allowed, choose, drive, object_mode
-from ...core.errors import UnisimError
-from ...editing.actors.table import nearest_present
+from ...bridge.objects.imported import drive_of, imported_objects
+from ...bridge.window import choose, drive, object_mode
+from ...editing.actors.table import ActorFilter, nearest_present
 from ...editing.sampled.clock import Clock
 from ...editing.texts import translatable
 from ...translations import message
@@ -144,11 +144,10 @@ class UNISIM_OT_choose_actor(Needing, bpy.types.Operator):
 def frame_to_show(context: bpy.types.Context, obj: bpy.types.Object, seconds: float, jump: bool) -> int | None:
     """Return the frame to go to for an actor: that of ``seconds`` where they are not negative, else the nearest at
     which it is there; None where the frame stays."""
-    scene = context.scene
-    try:
-        clock = Clock.of(source_of(scene).drive)
-    except (UnisimError, OSError):
+    scene, drive = context.scene, drive_of(context.scene)
+    if drive is None:
         return None
+    clock = Clock.of(drive)
     if seconds >= 0:
         return int(round(float(clock.frame(np.array(seconds)))))
     entry = listing.table_of(scene).entries.get(obj.session_uid)
@@ -202,37 +201,34 @@ class UNISIM_OT_hide_actor(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_clear_actor_filter(bpy.types.Operator):
+def is_filtered(manager: bpy.types.WindowManager) -> bool:
+    """Return whether the list leaves actors out."""
+    return replace(listing.filter_of(manager), order="NAME") != ActorFilter()
+
+
+class UNISIM_OT_clear_actor_filter(Needing, bpy.types.Operator):
     """List all actors again"""
 
     bl_label = "Clear Filter"
     bl_options = {"INTERNAL"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Something has to be filtered."""
-        about = context.window_manager.unisim_actors
-        filtered = about.text or about.group != "ALL" or about.within_m or about.now or about.edited
-        return allowed(cls, (filtered, "All actors are listed already"))
+    needs = (lambda context: (is_filtered(context.window_manager), "All actors are listed already"),)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """As it is at first."""
         about = context.window_manager.unisim_actors
         about.text, about.group, about.within_m, about.now, about.edited = "", "ALL", 0.0, False, False
         return {"FINISHED"}
 
 
-class UNISIM_OT_select_listed(bpy.types.Operator):
+class UNISIM_OT_select_listed(Needing, bpy.types.Operator):
     """Select all actors that are listed and visible in the view"""
 
     bl_label = "Select Listed"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Something has to be listed."""
-        listed = listing.table_of(context.scene).shown
-        return allowed(cls, object_mode(context), drive(context), (listed, "No actor is listed: clear the filter"))
+    needs = (
+        object_mode,
+        drive,
+        lambda context: (listing.table_of(context.scene).shown, "No actor is listed: clear the filter"),
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Select them and nothing else."""

@@ -23,7 +23,7 @@ import numpy as np
 
 from ...bridge.changes import following
 from ...bridge.objects.imported import apply_words, source_of
-from ...bridge.window import redraw
+from ...bridge.window import redraw, run_soon
 from ...core.actor_images.cache import ActorImage, cached_images
 from ...core.actor_images.names import plain_names
 from ...core.errors import UnisimError
@@ -185,8 +185,7 @@ def _collection() -> Any:
 
 
 def _look_soon() -> None:
-    if not bpy.app.background and not bpy.app.timers.is_registered(_look):
-        bpy.app.timers.register(_look, first_interval=LOOK_S, persistent=True)
+    run_soon(_look, LOOK_S, persistent=True)
 
 
 def _look() -> float | None:

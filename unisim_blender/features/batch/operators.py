@@ -14,7 +14,7 @@ from bpy.props import EnumProperty, IntProperty
 from ...bridge.changes.variants import variants_of
 from ...bridge.objects.imported import source_of
 from ...bridge.objects.settings import output_sensors
-from ...bridge.window import Need, allowed, drive, folder_on_disk
+from ...bridge.window import Need, drive, folder_on_disk
 from ...core.actor_images.names import plain_names
 from ...core.errors import UnisimError
 from ...core.scenario import scenario_to_json
@@ -34,6 +34,7 @@ from ..output.operators import sensor_options, width_options
 from ..problems import fail
 from ..simulation.operators import Simulates
 from ..simulation.properties import driver_of
+from ..variants.operators import marked_variants, variant_marked
 from .properties import parameters_of
 
 
@@ -45,6 +46,7 @@ class BatchTask(Task):
 
     title = translatable("Batch")
     hears = True
+    units = translatable("{done} of {total} units")
 
     def __init__(self, arguments: list[str], folder: Path, chosen: str) -> None:
         super().__init__(arguments, folder, 0.0, chosen)
@@ -70,7 +72,7 @@ class BatchTask(Task):
         """Units of how many, and how many failed."""
         if not self.total:
             return message("Checking scenarios")
-        units = message("{done} of {total} units", done=int(self.done), total=int(self.total))
+        units = super().measure()
         return units if not self.failed else message("{units}, {count} failed", units=units, count=self.failed)
 
     def speed(self, rate: float) -> str:
@@ -101,16 +103,9 @@ def jobs_folder(scene: bpy.types.Scene) -> Path | None:
     return Path(bpy.path.abspath("//batch jobs")).absolute() if place and bpy.data.filepath else None
 
 
-def marked(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
-    """Return the variants that are marked in the list of variants."""
-    if not scene.unisim.log:
-        return []
-    return [variant for variant in variants_of(scene) if variant.unisim_edits.rendered]
-
-
 def count_of(scene: bpy.types.Scene) -> int:
     """Return how many scenarios a batch has."""
-    count = len(marked(scene))
+    count = len(marked_variants(scene))
     for parameter in parameters_of(scene):
         count *= parameter.variants
     return count
@@ -128,23 +123,12 @@ def is_driven(context: bpy.types.Context) -> Need:
     return named, "Name the driver first: module:function, or its address"
 
 
-class UNISIM_OT_submit_batch(Simulates, bpy.types.Operator):
+class UNISIM_OT_submit_batch(Needing, Simulates, bpy.types.Operator):
     """Render the marked variants with all values of the parameters, or drive through them, in the background"""
 
     bl_label = "Submit Batch"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive and a marked variant have to be there, places and driver be known, and nothing else be running."""
-        return allowed(
-            cls,
-            drive(context),
-            (marked(context.scene), "Mark a variant in the list first"),
-            place_known(context),
-            is_driven(context),
-            nothing_runs(context),
-        )
+    needs = (drive, variant_marked, place_known, is_driven, nothing_runs)
 
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Read all variants, write them and their sweeps, and start the command line on these."""
@@ -156,15 +140,14 @@ class UNISIM_OT_submit_batch(Simulates, bpy.types.Operator):
         parameters, scenes = parameters_of(scene), variants_of(scene)
         names = file_names(variant.name for variant in scenes)
         read: dict[str, Scenario] = {}
-        for variant in marked(scene):
+        for variant in marked_variants(scene):
             path = folder / f"{names[variant.name]}.json"
             scenario = yield from self.scenario(variant, path, self.start_of(variant) if driver else None)
             scenario = as_simulated(scenario) if driver else scenario
             read[names[variant.name]] = replace(scenario, name=variant.name, path=path)
         sweeps = {name: sweep_document(name, f"{name}.json", parameters, driver) for name in read} if parameters else {}
         jobs = yield from in_thread(lambda: write_jobs(read, sweeps, folder))
-        task = BatchTask(["batch", *map(str, jobs), *arguments], folder, interpreter())
-        launch(task)
+        launch(BatchTask(["batch", *map(str, jobs), *arguments], folder, interpreter()))
 
 
 def _options(scene: bpy.types.Scene, selected: Any, driver: str | None) -> Iterator[str]:
@@ -257,28 +240,23 @@ class UNISIM_OT_remove_parameter(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def report_path(scene: bpy.types.Scene) -> Path | None:
+def report_path(scene: bpy.types.Scene) -> Any:
     """Return the report of a scene's batch; None where it has none on this machine."""
     place = batch_place(scene)
     path = Path(place) / REPORT
     return path if place and "://" not in place and path.is_file() else None
 
 
-class UNISIM_OT_open_report(bpy.types.Operator):
+class UNISIM_OT_open_report(Needing, bpy.types.Operator):
     """Open the report of the batch in the browser: its variants with images, scores, and filters over parameters"""
 
     bl_label = "Open Report"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """The report has to be there."""
-        return allowed(
-            cls, drive(context), (report_path(context.scene), "There is no report in the folder of the batch yet")
-        )
+    needs = (
+        drive,
+        lambda context: (report_path(context.scene), "There is no report in the folder of the batch yet"),
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """As Blender opens pages."""
-        path = report_path(context.scene)
-        assert path is not None  # the button is grey without
-        return bpy.ops.wm.url_open(url=path.as_uri())
+        return bpy.ops.wm.url_open(url=report_path(context.scene).as_uri())

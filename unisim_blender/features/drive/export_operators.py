@@ -14,7 +14,7 @@ from ...bridge.objects.imported import source_of
 from ...bridge.objects.settings import captures_stated, models_of, rollout_folder, with_simulation
 from ...bridge.sampling.from_keys import sample_steps
 from ...bridge.sampling.stepping import sample_all
-from ...bridge.window import allowed, drive
+from ...bridge.window import drive
 from ...core.scenario.types import FRAME_FORMATS, SEQUENCE_FORMATS, FrameRange, Outputs, Scenario
 from ...editing.reading.scenario import read_scenario, with_stated, write_scenario
 from ...editing.sampled.clock import Clock
@@ -148,18 +148,15 @@ class UNISIM_OT_export_scenario(Needing, ReadsScenes, bpy.types.Operator, Export
         )
 
 
-class UNISIM_OT_use_frame_range(bpy.types.Operator):
+class UNISIM_OT_use_frame_range(Needing, bpy.types.Operator):
     """Render and export the frame range of the scene in place of the frames or times that the imported scenario states"""
 
     bl_label = "Use Frame Range"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """There has to be something to drop."""
-        return allowed(
-            cls, drive(context), (captures_stated(context.scene), "The frame range is what is rendered already")
-        )
+    needs = (
+        drive,
+        lambda context: (captures_stated(context.scene), "The frame range is what is rendered already"),
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Forget the range that the stated captures hold for."""

@@ -17,7 +17,7 @@ from ...bridge.changes.variants import delete_variant, show_variant
 from ...bridge.importing.drive import import_source, recorded_colours, set_colours
 from ...bridge.objects.imported import has_drive, skipped_sensors, source_of
 from ...bridge.views.rollouts import actor_names, keep_rollout, mark_rollout, scene_of_rollout
-from ...bridge.window import allowed, areas, drive, fit_camera_view, object_mode, show_tab
+from ...bridge.window import areas, drive, fit_camera_view, object_mode, show_tab
 from ...core.errors import UnisimError
 from ...core.formats.readers import READERS, drive_in, suffixes
 from ...core.meshes.read import mesh_notes
@@ -520,7 +520,6 @@ class UNISIM_OT_locate_log(Needing, InSteps, bpy.types.Operator):
     directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for it."""
         self.directory = default_folder("logs")
         return self.ask_for_path(context)
 
@@ -538,16 +537,12 @@ class UNISIM_OT_locate_log(Needing, InSteps, bpy.types.Operator):
                 other.unisim.log = str(source.log_path)
 
 
-class UNISIM_OT_recorded_colours(bpy.types.Operator):
+class UNISIM_OT_recorded_colours(Needing, bpy.types.Operator):
     """Show colours as recorded: view transform Standard, look None, exposure 0, gamma 1"""
 
     bl_label = "Show Colours as Recorded"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Colours have to be shown otherwise."""
-        return allowed(cls, (not recorded_colours(context.scene), "Colours are already shown as recorded"))
+    needs = (lambda context: (not recorded_colours(context.scene), "Colours are already shown as recorded"),)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Set the scene's colour management."""

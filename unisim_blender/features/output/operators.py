@@ -172,10 +172,6 @@ class FilmTask(Task):
         """Take how many of how many frames are done."""
         self.done, self.total = event.get("done", self.done), event.get("total", self.total)
 
-    def measure(self) -> str:
-        """Frames of how many."""
-        return message("{done} of {total} frames", done=int(self.done), total=int(self.total))
-
 
 def sequence_finished(context: bpy.types.Context) -> Need:
     """The output folder holds a finished sequence."""

@@ -47,19 +47,12 @@ class RolloutTask(SequenceTask):
     missing."""
 
     title = translatable("Simulation")
+    units, rates = translatable("{done} of {total} steps"), translatable(", {rate:.2f} steps/s")
 
     @property
     def done(self) -> float:
         """Steps that are finished."""
         return float(count_steps(self.folder))
-
-    def measure(self) -> str:
-        """Steps of how many."""
-        return message("{done} of {total} steps", done=int(self.done), total=int(self.total))
-
-    def speed(self, rate: float) -> str:
-        """Steps a second."""
-        return message(", {rate:.2f} steps/s", rate=rate)
 
 
 CELLS = (200, 80, 130, *(94 for _ in COLUMNS), 24)

@@ -14,7 +14,7 @@ from ...bridge.changes.variants import delete_variant, new_variant, rename_varia
 from ...bridge.objects.imported import source_of
 from ...bridge.objects.settings import output_sensors, rendered_keys
 from ...bridge.sampling.edit_list import mark_all
-from ...bridge.window import allowed, drive, object_mode, redraw
+from ...bridge.window import Need, drive, object_mode, redraw
 from ...core.errors import UnisimError
 from ...core.sequence.records import finished_moments
 from ...core.world.captures import CaptureKey
@@ -23,7 +23,7 @@ from ...editing.reading.scenario import write_scenario
 from ...editing.texts import translatable
 from ...preferences import interpreter
 from ...process.background import launch
-from ...process.tasks import SequenceTask
+from ...process.tasks import SequenceTask, newest_image
 from ...translations import message
 from ..drive.export_operators import ReadsScenes
 from ..operator_bases import AtOnce, Needing, nothing_runs, reporting
@@ -71,7 +71,7 @@ class VariantsTask(SequenceTask):
     def measure(self) -> str:
         """Return the variant that is rendered, and the number of its frames."""
         part = self.parts[self.at]
-        whole = message("{done} of {total} frames", done=int(self.done), total=int(self.total))
+        whole = super().measure()
         if not self.running and not self.cancelled:
             return message("{frames} of {count} variants", frames=whole, count=len(self.parts))
         return message(
@@ -82,24 +82,29 @@ class VariantsTask(SequenceTask):
 
     def newest(self) -> Path | None:
         """The image that was finished last."""
-        self_folder = self.folder
-        try:
-            self.folder = self.parts[self.at].folder
-            return super().newest()
-        finally:
-            self.folder = self_folder
+        return newest_image(self.parts[self.at].folder)
 
-    def _run(self) -> None:
+    def _do(self) -> int:
         code = 0
         for at, part in enumerate(self.parts):
             self.at = at
             code = self._call(part.arguments)
             if code or self.cancelled:
                 break
-        self.code = code
+        return code
 
 
 FIRST = "Variant 2"
+
+
+def marked_variants(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
+    """Return the variants that are marked in the list of variants."""
+    return [variant for variant in variants_of(scene) if variant.unisim_edits.rendered] if scene.unisim.log else []
+
+
+def variant_marked(context: bpy.types.Context) -> Need:
+    """A variant is marked."""
+    return marked_variants(context.scene), "Mark a variant in the list first"
 
 
 class _Named(Needing):
@@ -155,19 +160,16 @@ class UNISIM_OT_rename_variant(_Named, bpy.types.Operator):
             manager.unisim_compared = context.scene.name
 
 
-class UNISIM_OT_delete_variant(bpy.types.Operator):
+class UNISIM_OT_delete_variant(Needing, bpy.types.Operator):
     """Delete the shown variant with all its objects and keyframes, and show another one"""
 
     bl_label = "Delete Variant"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """There has to be another one."""
-        several = bool(context.scene.unisim.log) and len(variants_of(context.scene)) > 1
-        return allowed(
-            cls, object_mode(context), drive(context), (several, "This is the only variant: revert its edits instead")
-        )
+    needs = (
+        object_mode,
+        drive,
+        lambda context: (variants_of(context.scene)[1:], "This is the only variant: revert its edits instead"),
+    )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask first."""
@@ -230,10 +232,7 @@ class UNISIM_OT_export_variants(Needing, ReadsScenes, bpy.types.Operator):
 
     directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
     filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the folder."""
-        return self.ask_for_path(context)
+    invoke = ReadsScenes.ask_for_path
 
     def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Read all, then write all, so that no half of them is written where one cannot be read."""
@@ -249,7 +248,7 @@ class UNISIM_OT_export_variants(Needing, ReadsScenes, bpy.types.Operator):
         self.report({"INFO"}, message("Scenarios written to {folder}: {count}", count=len(read), folder=folder))
 
 
-class UNISIM_OT_render_variants(AtOnce, ReadsScenes, bpy.types.Operator):
+class UNISIM_OT_render_variants(Needing, AtOnce, ReadsScenes, bpy.types.Operator):
     """Render the marked variants one after another."""
 
     bl_label = "Render Variants"
@@ -258,24 +257,13 @@ class UNISIM_OT_render_variants(AtOnce, ReadsScenes, bpy.types.Operator):
         "finished frames are kept"
     )
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Some have to be marked, and nothing else be running."""
-        marked = bool(context.scene.unisim.log) and any(
-            scene.unisim_edits.rendered for scene in variants_of(context.scene)
-        )
-        return allowed(cls, drive(context), (marked, "Mark a variant in the list first"), nothing_runs(context))
+    needs = (drive, variant_marked, nothing_runs)
 
     def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Read and write each scenario, then start."""
         root = output_folder(context.scene)
-        scenes = variants_of(context.scene)
-        names = file_names(scene.name for scene in scenes)
-        parts = []
-        for scene in scenes:
-            if not scene.unisim_edits.rendered:
-                continue
+        names, parts = file_names(scene.name for scene in variants_of(context.scene)), []
+        for scene in marked_variants(context.scene):
             folder = root / names[scene.name]
             folder.mkdir(parents=True, exist_ok=True)
             scenario = yield from self.scenario(scene, folder / SCENARIO)
@@ -284,5 +272,4 @@ class UNISIM_OT_render_variants(AtOnce, ReadsScenes, bpy.types.Operator):
             arguments = render_arguments(scene, folder, output_sensors(scene, selected, source_of(scene).drive))
             keys = rendered_keys(scene, scenario, source_of(scene).drive)
             parts.append(VariantRun(scene.name, arguments, folder, keys))
-        task = VariantsTask(parts, root, interpreter())
-        launch(task)
+        launch(VariantsTask(parts, root, interpreter()))
