@@ -30,7 +30,7 @@ from ...editing.sensors.sweeps import (
 from ...preferences import device, interpreter
 from ...process.client import Client, Request, client, progress_line
 from ...translations import localized
-from ..operator_bases import Needing, reporting
+from ..operator_bases import Editing, reporting
 
 POLL_S = 0.1
 EDIT_S = 0.4
@@ -178,11 +178,10 @@ def update(scene: bpy.types.Scene) -> None:
         asked.clear()
 
 
-class UNISIM_OT_show_points(Needing, bpy.types.Operator):
+class UNISIM_OT_show_points(Editing, bpy.types.Operator):
     """Show recorded LiDAR points, simulated LiDAR points, or both, and on request beams that did not return"""
 
     bl_label = "Show LiDAR Points"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (drive,)
 
     recorded: bpy.props.BoolProperty(name="Recorded", description="Show recorded points", default=True)
@@ -195,7 +194,6 @@ class UNISIM_OT_show_points(Needing, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Set the scene's switches and show."""
         scene = context.scene
         about = scene.unisim
         about.show_recorded, about.show_simulated, about.show_drops = self.recorded, self.simulated, self.drops
