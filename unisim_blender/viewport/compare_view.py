@@ -164,12 +164,10 @@ class UNISIM_GT_split(bpy.types.Gizmo):
         return 0 if low <= location[1] <= high else -1
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Take hold of the line."""
         self.before = options_of(context.space_data).split
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event, tweak: set[str]) -> set[str]:
-        """Put the line where the mouse is."""
         view = drawn_view(context.region)
         if view is not None:
             left, _, width, _ = view.rectangle
@@ -199,7 +197,6 @@ class UNISIM_GGT_split(bpy.types.GizmoGroup):
         return is_rendered(context) and options_of(context.space_data).mode == "SPLIT"
 
     def setup(self, context: bpy.types.Context) -> None:
-        """Add the one gizmo."""
         self.gizmos.new(UNISIM_GT_split.bl_idname).use_draw_modal = True
 
 

@@ -65,7 +65,6 @@ class UniSimEngine(bpy.types.RenderEngine):
     bl_use_shading_nodes_custom = False
 
     def update_render_passes(self, scene: bpy.types.Scene = None, renderlayer: bpy.types.ViewLayer = None) -> None:
-        """Say which passes there are."""
         self.register_pass(scene, renderlayer, "Combined", 4, "RGBA", "COLOR")
         for name in wanted_passes(scene, renderlayer):
             _, channels, letters, kind, _ = PASSES[name]
@@ -85,7 +84,6 @@ class UniSimEngine(bpy.types.RenderEngine):
     # ---- the viewport
 
     def view_update(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
-        """Something changed."""
         self._view().changed()
 
     def view_draw(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
@@ -114,7 +112,6 @@ class UniSimEngine(bpy.types.RenderEngine):
     def _asked(
         self, worker: Client, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph
     ) -> tuple[Request, ResultImage]:
-        """Take the snapshot and ask for the image."""
         self.update_stats("UniSim", interface("Reading the scene"))
         for shown in list(VIEWS):
             shown.make_way()
