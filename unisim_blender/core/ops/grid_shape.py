@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
+import torch
+from torch import Tensor
 
 from .. import native
 
@@ -71,7 +74,7 @@ class GridArrays:
     """A shape's numbers in the form that the kernels read."""
 
     def __init__(self, shape: GridShape) -> None:
-        offsets, sizes, strides_y, strides_z = shape.layout()
+        offsets, sizes, strides_y, strides_z = self.layout = shape.layout()
         self.shape = shape
         self.rows = shape.rows
         self.offset = np.array(offsets, np.int64)
@@ -81,3 +84,9 @@ class GridArrays:
         self.scale = np.array(shape.scale, np.float32)
         self.arrays = (self.scale, self.offset, self.size, self.stride_y, self.stride_z)
         self.struct = native.GridStruct(shape.levels, shape.features, self.rows, *(a.ctypes.data for a in self.arrays))
+
+
+@functools.cache
+def scales(shape: GridShape, device: torch.device, dtype: torch.dtype) -> Tensor:
+    """Return a shape's cells along the axes (levels, 3), made once on each device."""
+    return torch.tensor(shape.scale, dtype=torch.float32, device=device).to(dtype)
