@@ -8,6 +8,7 @@ passes are finished, then adds them to the table's gradient in a fixed order.
 from __future__ import annotations
 
 import ctypes
+import functools
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -20,7 +21,7 @@ from torch.autograd.function import once_differentiable
 from .. import native
 from .devices import kernel_threads
 from .dispatch import Operation
-from .grid_shape import GridArrays, scales
+from .grid_shape import GridArrays, GridShape
 
 _PRIMES = (1, 2654435761, 805459861)
 # parallel loss branches go backward in threads of their own; a sink has a list for each
@@ -87,6 +88,12 @@ def add_to_table(grid: GridArrays, x: Tensor, index: Tensor | None, grad: Tensor
     )  # fmt: skip
 
 
+@functools.cache
+def _scales(shape: GridShape, device: torch.device, dtype: torch.dtype) -> Tensor:
+    """Return a shape's cells along the axes (levels, 3), made once on each device."""
+    return torch.tensor(shape.scale, dtype=torch.float32, device=device).to(dtype)
+
+
 def encode_reference(
     grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: GradientSink | None = None
 ) -> Tensor:
@@ -94,7 +101,7 @@ def encode_reference(
     flat = table.reshape(-1, grid.shape.features)
     base: Tensor | int = 0 if index is None else index.long() * grid.rows
     rows, weights = [], []
-    levels = zip(scales(grid.shape, x.device, x.dtype), *grid.layout, strict=True)
+    levels = zip(_scales(grid.shape, x.device, x.dtype), *grid.layout, strict=True)
     for scale, offset, size, stride_y, stride_z in levels:
         # a point on or beyond a face, or NaN, stands on the face and does not move with x
         p = torch.where((x > 0) & (x < 1), x, torch.nan_to_num(x.detach(), nan=0.0).clamp(0, 1)) * scale

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
-import torch
-from torch import Tensor
-
 from .. import native
 
 
@@ -84,9 +80,3 @@ class GridArrays:
         self.scale = np.array(shape.scale, np.float32)
         self.arrays = (self.scale, self.offset, self.size, self.stride_y, self.stride_z)
         self.struct = native.GridStruct(shape.levels, shape.features, self.rows, *(a.ctypes.data for a in self.arrays))
-
-
-@functools.cache
-def scales(shape: GridShape, device: torch.device, dtype: torch.dtype) -> Tensor:
-    """Return a shape's cells along the axes (levels, 3), made once on each device."""
-    return torch.tensor(shape.scale, dtype=torch.float32, device=device).to(dtype)
