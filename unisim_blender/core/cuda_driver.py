@@ -22,6 +22,8 @@ from .errors import UnisimError
 KERNELS = Path(__file__).parent / "_unisim_cuda.fatbin"
 LIBRARY = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
 """The driver's own library, which a machine with a GPU has."""
+BLOCK = 128
+"""Threads of a block."""
 OUT_OF_MEMORY = 2
 """The driver's number of the error that its memory does not suffice."""
 
@@ -42,6 +44,7 @@ def driver() -> ctypes.CDLL | None:
     library.cuMemFree_v2.argtypes = [p]
     library.cuMemcpyHtoD_v2.argtypes = [p, p, size]
     library.cuMemcpyDtoH_v2.argtypes = [p, p, size]
+    library.cuMemcpyDtoHAsync_v2.argtypes = [p, p, size, p]
     library.cuMemsetD8_v2.argtypes = [p, ctypes.c_ubyte, size]
     library.cuLaunchKernel.argtypes = [p, *([ctypes.c_uint] * 7), p, p, p]
     if library.cuInit(0) or library.cuDeviceGetCount(ctypes.byref(count)) or not count.value:
@@ -72,6 +75,8 @@ class Gpu:
         name = ctypes.create_string_buffer(256)
         self.call("cuDeviceGetName", name, len(name), device)
         self.name = name.value.decode()
+        self._spare: dict[int, list[int]] = {}
+        self._spare_pinned: dict[int, list[int]] = {}
 
     def enter(self) -> None:
         """Have the calling thread use this GPU."""
@@ -90,10 +95,61 @@ class Gpu:
         self.call("cuMemGetInfo_v2", ctypes.byref(free), ctypes.byref(total))
         return total.value
 
-    def launch(self, name: str, threads: int, arguments: Sequence[Any], block: int = 128) -> None:
-        """Run a kernel in so many threads, a multiple of ``block``, and wait for its end. ``arguments`` are ctypes' values."""
+    def launch(self, name: str, threads: int, arguments: Sequence[Any], block: int = BLOCK) -> None:
+        """Have a kernel run in at least so many threads, after what was launched before. ``arguments`` are ctypes' values.
+        An error of a kernel is raised by a later call."""
         addresses = (ctypes.c_void_p * len(arguments))(*(ctypes.addressof(value) for value in arguments))
-        self.call("cuLaunchKernel", self.function(name), threads // block, 1, 1, block, 1, 1, 0, None, addresses, None)
+        blocks = -(-threads // block)
+        self.call("cuLaunchKernel", self.function(name), blocks, 1, 1, block, 1, 1, 0, None, addresses, None)
+
+    def allocate(self, size: int) -> int:
+        """Return the address of so many bytes, of memory that was given back where there is some of that size. Raises
+        `GpuMemoryError`."""
+        if spare := self._spare.get(size):
+            return spare.pop()
+        address = ctypes.c_void_p()
+        try:
+            self.call("cuMemAlloc_v2", ctypes.byref(address), ctypes.c_size_t(size))
+        except GpuMemoryError:
+            if not self.trim():
+                raise
+            self.call("cuMemAlloc_v2", ctypes.byref(address), ctypes.c_size_t(size))
+        assert address.value is not None
+        return address.value
+
+    def give_back(self, address: int, size: int) -> None:
+        """Keep memory for later calls of `allocate`."""
+        self._spare.setdefault(size, []).append(address)
+
+    def trim(self) -> bool:
+        """Free the memory that was given back; return whether there was some."""
+        spare, self._spare = self._spare, {}
+        for address in (address for addresses in spare.values() for address in addresses):
+            self.call("cuMemFree_v2", address)
+        return any(spare.values())
+
+    def pinned(self, shape: tuple[int, ...], kind: type[Any]) -> NDArray[Any]:
+        """Return a new array of the host's memory that a GPU copies to at full speed, of memory that earlier ones no longer
+        use where there is some."""
+        size = rounded(int(np.prod(shape)) * np.dtype(kind).itemsize)
+        if spare := self._spare_pinned.get(size):
+            address = spare.pop()
+        else:
+            place = ctypes.c_void_p()
+            self.call("cuMemAllocHost_v2", ctypes.byref(place), ctypes.c_size_t(size))
+            assert place.value is not None
+            address = place.value
+        memory = (ctypes.c_char * size).from_address(address)
+        weakref.finalize(memory, self._spare_pinned.setdefault(size, []).append, address).atexit = False
+        return np.frombuffer(memoryview(memory), kind, int(np.prod(shape))).reshape(shape)
+
+    def copy(self, address: int, values: NDArray[Any]) -> None:
+        """Have memory of the GPU copied into a `pinned` array, which is there after `wait`."""
+        if values.nbytes:
+            self.call("cuMemcpyDtoHAsync_v2", values.ctypes.data, address, values.nbytes, None)
+
+    def wait(self) -> None:
+        """Wait until all that was launched and copied is done."""
         self.call("cuCtxSynchronize")
 
     def call(self, name: str, *arguments: Any) -> None:
@@ -111,12 +167,19 @@ def gpu(number: int = 0) -> Gpu:
     return Gpu(number)
 
 
-class GpuMemory:
-    """Memory on a GPU that is freed together: at the end of a `with`, or by `free`."""
+def rounded(size: int) -> int:
+    """Return a number of bytes rounded up, by an eighth at most above some KB, so that sizes recur."""
+    step = max(256, (1 << size.bit_length()) >> 4)
+    return max(1, -(-size // step)) * step
 
-    def __init__(self, gpu: Gpu) -> None:
-        self.gpu, self._addresses = gpu, list[int]()
-        weakref.finalize(self, _free, gpu, self._addresses).atexit = False
+
+class GpuMemory:
+    """Memory on a GPU that is freed together: at the end of a `with`, or by `free`. With ``reuse`` it is given back to the
+    GPU instead, whose later calls allocate nothing anew."""
+
+    def __init__(self, gpu: Gpu, reuse: bool = False) -> None:
+        self.gpu, self._reuse, self._addresses = gpu, reuse, list[tuple[int, int]]()
+        weakref.finalize(self, _free, gpu, reuse, self._addresses).atexit = False
 
     def __enter__(self) -> GpuMemory:
         return self
@@ -126,17 +189,16 @@ class GpuMemory:
 
     def free(self) -> None:
         """Free all of it."""
-        _free(self.gpu, self._addresses)
+        _free(self.gpu, self._reuse, self._addresses)
 
     def allocate(self, size: int, clear: bool = False) -> int:
         """Return the address of so many new bytes; zeros where ``clear``. Raises `GpuMemoryError`."""
-        address = ctypes.c_void_p()
-        self.gpu.call("cuMemAlloc_v2", ctypes.byref(address), ctypes.c_size_t(max(size, 1)))
-        assert address.value is not None
-        self._addresses.append(address.value)
+        whole = rounded(size) if self._reuse else max(size, 1)
+        address = self.gpu.allocate(whole)
+        self._addresses.append((address, whole))
         if clear and size:
             self.gpu.call("cuMemsetD8_v2", address, 0, size)
-        return address.value
+        return address
 
     def upload(self, values: NDArray[Any] | ctypes.Structure | ctypes.Array[Any]) -> int:
         """Return the address of a copy of an array, contiguous, or of a structure."""
@@ -157,6 +219,10 @@ class GpuMemory:
             self.gpu.call("cuMemcpyDtoH_v2", values.ctypes.data, address, values.nbytes)
 
 
-def _free(gpu: Gpu, addresses: list[int]) -> None:
+def _free(gpu: Gpu, reuse: bool, addresses: list[tuple[int, int]]) -> None:
     while addresses:
-        gpu.call("cuMemFree_v2", addresses.pop())
+        address, size = addresses.pop()
+        if reuse:
+            gpu.give_back(address, size)
+        else:
+            gpu.call("cuMemFree_v2", address)
