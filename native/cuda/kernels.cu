@@ -12,12 +12,12 @@ struct LaunchMemory {
 };
 
 // Runs work(i) for this thread's numbers below `count`.
-template <class Work> UNISIM_DEVICE void for_numbers(int64_t count, const Work &work) {
-    const int64_t threads = static_cast<int64_t>(gridDim.x) * blockDim.x;
-    for (int64_t i = static_cast<int64_t>(blockIdx.x) * blockDim.x + threadIdx.x; i < count; i += threads) work(i);
+template <class Work> UNISIM_DEVICE void for_numbers(int32_t count, const Work &work) {
+    const int32_t threads = gridDim.x * blockDim.x;
+    for (int32_t i = blockIdx.x * blockDim.x + threadIdx.x; i < count; i += threads) work(i);
 }
 
-UNISIM_DEVICE int64_t pixels_of(const ImageInputs &image) { return static_cast<int64_t>(image.height) * image.width; }
+UNISIM_DEVICE int32_t pixels_of(const ImageInputs &image) { return image.height * image.width; }
 
 } // namespace
 
@@ -29,9 +29,9 @@ static_assert(sizeof(Segment) == 104, "SEGMENT_BYTES");
 extern "C" __global__ void __launch_bounds__(128, 3)
     unisim_trace_rays(const __grid_constant__ TraceInputs in, const __grid_constant__ LaunchMemory memory,
                       const int64_t *count, int64_t *refused) {
-    const int thread = blockIdx.x * blockDim.x + threadIdx.x;
-    int64_t evaluations = 0;
-    for_numbers(count ? *count : in.rays.n, [&](int64_t i) {
+    int32_t evaluations = 0;
+    for_numbers(static_cast<int32_t>(count ? *count : in.rays.n), [&](int32_t i) {
+        const int thread = blockIdx.x * blockDim.x + threadIdx.x;
         float *x = memory.samples + thread;
         const int64_t of = static_cast<int64_t>(memory.capacity) * memory.threads;
         const Workspace work{
@@ -48,27 +48,27 @@ extern "C" __global__ void __launch_bounds__(128, 3)
 }
 
 extern "C" __global__ void __launch_bounds__(128) unisim_begin_image(const __grid_constant__ ImageInputs image) {
-    for_numbers(pixels_of(image), [&](int64_t i) { begin_pixel(image, i); });
+    for_numbers(pixels_of(image), [&](int32_t i) { begin_pixel(image, i); });
 }
 
 extern "C" __global__ void __launch_bounds__(128)
     unisim_collect_pixels(const __grid_constant__ ImageInputs image, int32_t stride, int64_t *count) {
     const int32_t side = 8 * stride;
-    const int64_t across = (image.width + side - 1) / side, down = (image.height + side - 1) / side;
-    for_numbers(across * down, [&](int64_t i) { collect_tile(image, stride, i, count); });
+    const int32_t across = (image.width + side - 1) / side, down = (image.height + side - 1) / side;
+    for_numbers(across * down, [&](int32_t i) { collect_tile(image, stride, i, count); });
 }
 
 extern "C" __global__ void __launch_bounds__(128)
     unisim_finish_pixels(const __grid_constant__ TraceInputs in, const __grid_constant__ ImageInputs image,
                          const int64_t *count) {
-    for_numbers(*count, [&](int64_t i) { finish_pixel(in, image, image.order[i]); });
+    for_numbers(static_cast<int32_t>(*count), [&](int32_t i) { finish_pixel(in, image, image.order[i]); });
 }
 
 // `by_middles`: of blocks that are in doubt.
 extern "C" __global__ void __launch_bounds__(128)
     unisim_judge_blocks(const __grid_constant__ ImageInputs image, int32_t size, int32_t by_middles) {
     const BlockGrid grid(image, size);
-    for_numbers(static_cast<int64_t>(grid.rows) * grid.columns, [&](int64_t i) {
+    for_numbers(grid.rows * grid.columns, [&](int32_t i) {
         if (by_middles)
             judge_middle(image, size, i);
         else
@@ -77,5 +77,5 @@ extern "C" __global__ void __launch_bounds__(128)
 }
 
 extern "C" __global__ void __launch_bounds__(128) unisim_fill_pixels(const __grid_constant__ ImageInputs image) {
-    for_numbers(pixels_of(image), [&](int64_t i) { fill_pixel(image, i); });
+    for_numbers(pixels_of(image), [&](int32_t i) { fill_pixel(image, i); });
 }

@@ -40,7 +40,7 @@ class RayTracer {
 
     // Traces a ray and writes its results; returns false where the workspace has no room for it. `evaluations` is
     // increased by the points at which a field was evaluated.
-    UNISIM_DEVICE bool trace(int64_t ray, int64_t &evaluations) {
+    UNISIM_DEVICE __attribute__((noinline)) bool trace(int64_t ray, int32_t &evaluations) {
         number_ = ray;
         origin_ = in_.rays.origins + 3 * ray;
         direction_ = in_.rays.directions + 3 * ray;
@@ -934,7 +934,8 @@ class RayTracer {
     const SampleArrays &s_;
     const unisim_scene &scene_;
     const unisim_sampling &how_;
-    int64_t number_, evaluations_;
+    int64_t number_;
+    int32_t evaluations_;
     const double *origin_, *direction_;
     double time_;
     float o_[3], d_[3], far_; // in the volume's coordinates, metres; where the ray leaves the volume

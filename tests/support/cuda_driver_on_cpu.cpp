@@ -80,8 +80,10 @@ EXPORT size_t memory_in_use() { return used; }
 EXPORT size_t size_of_inputs() { return sizeof(TraceInputs); }
 EXPORT size_t size_of_image() { return sizeof(ImageInputs); }
 EXPORT int cuInit(unsigned) { return 0; }
-EXPORT int cuDeviceGetCount(int *count) { return *count = 1, 0; }
-EXPORT int cuDeviceGet(int *device, int number) { return *device = number, number ? 101 : 0; }
+int devices = 1;
+EXPORT void have_devices(int count) { devices = count; }
+EXPORT int cuDeviceGetCount(int *count) { return *count = devices, 0; }
+EXPORT int cuDeviceGet(int *device, int number) { return *device = number, number < devices ? 0 : 101; }
 EXPORT int cuDeviceGetName(char *name, int size, int) { return std::snprintf(name, size, "a CPU"), 0; }
 EXPORT int cuDevicePrimaryCtxRetain(void **context, int) { return *context = &allocated, 0; }
 EXPORT int cuCtxSetCurrent(void *context) { return context == &allocated ? 0 : 201; }

@@ -59,13 +59,25 @@ def missing() -> str:
     return "" if KERNELS.is_file() else f"{KERNELS} is missing: make cuda compiles it"
 
 
+def count() -> int:
+    """Return how many GPUs there are."""
+    number, library = ctypes.c_int(), driver()
+    if library is not None:
+        library.cuDeviceGetCount(ctypes.byref(number))
+    return number.value
+
+
 class Gpu:
     """A GPU by its number, with the kernels loaded. Raises `UnisimError`."""
 
-    def __init__(self, number: int = 0) -> None:
+    def __init__(self, number: int) -> None:
         library = driver()
         if library is None or missing():
             raise UnisimError(missing())
+        if not 0 <= number < count():
+            raise UnisimError(
+                f"--device cuda:{number}: there is no such GPU; this machine has {count()}, from cuda:0 on"
+            )
         self._driver = library
         device, self._context, self._module = ctypes.c_int(), ctypes.c_void_p(), ctypes.c_void_p()
         self.call("cuDeviceGet", ctypes.byref(device), number)
@@ -162,7 +174,7 @@ class Gpu:
 
 
 @functools.cache
-def gpu(number: int = 0) -> Gpu:
+def gpu(number: int) -> Gpu:
     """The GPU of a number, which the process shares. Raises `UnisimError`."""
     return Gpu(number)
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
+import functools
+import os
 import shutil
 import subprocess
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +22,10 @@ from render.tracers.test_compiled_tracer import FEW, bits, needs_library, same_f
 from whole_drive import bound_to
 
 from unisim_blender.core import cuda_driver
+from unisim_blender.core.cli.commands.render import default_jobs
 from unisim_blender.core.cuda_driver import GpuMemory, GpuMemoryError
 from unisim_blender.core.errors import UnisimError
+from unisim_blender.core.executors import Processes
 from unisim_blender.core.geometry import Trajectory, quaternion_from_yaw
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.meshes.hits import MeshHits
@@ -31,7 +36,7 @@ from unisim_blender.core.render.tracers.compiled import gpu
 from unisim_blender.core.render.tracers.compiled.gpu import GpuBackend, GpuScene, ImageInputsStruct, TraceInputsStruct
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
-from unisim_blender.core.scenes.recipe import backend_name, environment, pick_device
+from unisim_blender.core.scenes.recipe import backend_name, environment, gpu_of, pick_device
 from unisim_blender.core.sensors.frames import CAMERA_PASSES, CameraFrame, RenderStats
 from unisim_blender.core.sensors.rays import Rays, exposure_window
 from unisim_blender.core.world.drive import Appearance, CameraModel, Drive, RollingShutter
@@ -62,16 +67,16 @@ def driver(built: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ctypes.CDLL
     assert library is not None
     library.limit_memory.argtypes, library.memory_in_use.restype = [ctypes.c_size_t], ctypes.c_size_t
     library.limit_memory(1 << 32)
+    device = cuda_driver.gpu(0)
     yield library
-    if cuda_driver.gpu.cache_info().currsize:
-        cuda_driver.gpu().trim()
+    device.trim()
     for cache in caches:
         cache.cache_clear()
 
 
 def both(folder: Path, quality: str = "balanced", other: Path | None = None) -> tuple[GpuBackend, CompiledBackend]:
     others = {} if other is None else {"other": CompiledScene(other)}
-    scene, device = CompiledScene(folder), cuda_driver.gpu()
+    scene, device = CompiledScene(folder), cuda_driver.gpu(0)
     on_gpu = {name: GpuScene(each, device) for name, each in others.items()}
     return (
         GpuBackend(GpuScene(scene, device), QUALITIES[quality], on_gpu),
@@ -325,7 +330,7 @@ def test_structures_have_the_sizes_of_the_kernels(driver: ctypes.CDLL) -> None:
 
 def test_memory_of_the_gpu_is_its_own(driver: ctypes.CDLL) -> None:
     values = np.arange(5.0)
-    with GpuMemory(cuda_driver.gpu()) as memory:
+    with GpuMemory(cuda_driver.gpu(0)) as memory:
         copy, cleared = memory.upload(values), memory.allocate(40, clear=True)
         back = np.ones(5)
         memory.download(copy, back)
@@ -345,3 +350,46 @@ def test_a_gpu_is_taken_where_one_traces(driver: ctypes.CDLL, monkeypatch: pytes
     monkeypatch.setattr(cuda_driver, "LIBRARY", "libnone.so")
     cuda_driver.driver.cache_clear()
     assert "no NVIDIA GPU" in cuda_driver.missing() and pick_device("auto") != "gpu"
+
+
+def test_one_gpu_for_each_worker(driver: ctypes.CDLL, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    assert default_jobs("cuda") == 1
+    driver.have_devices(3)
+    try:
+        assert default_jobs("cuda") == 3 and default_jobs("cuda:2") == 1
+        numbers = [
+            result.get()
+            for result in Processes().run(functools.partial(gpu_numbers, cuda_driver.LIBRARY, tmp_path), [0, 1], 2)
+        ]
+        assert {number for number, _ in numbers} == {"0", "1"}
+        assert all(number == str(gpu) for number, gpu in numbers)
+        monkeypatch.setenv("UNISIM_WORKER", "5")
+        assert gpu_of("cuda") is cuda_driver.gpu(2) and gpu_of("cuda:1") is cuda_driver.gpu(1)
+        with pytest.raises(UnisimError, match="--device cuda:3: there is no such GPU; this machine has 3"):
+            gpu_of("cuda:3")
+        with pytest.raises(UnisimError, match="--device cuda:x: is none of"):
+            gpu_of("cuda:x")
+    finally:
+        driver.have_devices(1)
+
+
+def gpu_numbers(library: str, folder: Path) -> Callable[[int], tuple[str, int]]:
+    """A function that returns a worker's number, and that of the GPU that it takes of three, when two workers are there."""
+    cuda_driver.LIBRARY, cuda_driver.KERNELS = library, Path(library)
+    found = cuda_driver.driver()
+    assert found is not None
+    found.have_devices(3)
+    chosen: list[int] = []
+    setattr(cuda_driver, "gpu", chosen.append)  # noqa: B010
+    number = os.environ["UNISIM_WORKER"]
+
+    def of_unit(unit: int) -> tuple[str, int]:
+        (folder / number).touch()
+        for _ in range(600):
+            if len(list(folder.iterdir())) == 2:
+                break
+            time.sleep(0.1)
+        gpu_of("cuda")
+        return number, chosen[-1]
+
+    return of_unit
