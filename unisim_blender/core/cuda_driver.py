@@ -1,29 +1,57 @@
 """CUDA's driver, loaded with ctypes: memory and launches of kernels on a GPU, without torch or CUDA's toolkit.
 
 `native/cuda/kernels.cu` is the source of the kernels, `_unisim_cuda.fatbin` beside this file what CUDA's compiler makes
-of it (`make cuda`).
+of it (`make cuda`). Where that file is absent, NVRTC compiles the source for the GPU at hand, if it is installed.
 """
 
 from __future__ import annotations
 
 import ctypes
 import functools
+import hashlib
 import sys
 import weakref
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import UnisimError
+from .errors import OutputError, UnisimError
+from .files import cache_folder, write_file
 
 KERNELS = Path(__file__).parent / "_unisim_cuda.fatbin"
+SOURCE = next(
+    (
+        path
+        for path in (Path(__file__).parent / "native_source", Path(__file__).parents[2] / "native")
+        if (path / "cuda" / "kernels.cu").is_file()
+    ),
+    None,
+)
+"""The folder of the kernels' source, in a wheel or in the repository."""
+NVRTC_FILES = ("nvidia/*/lib/libnvrtc.so.*", "nvidia/*/bin/nvrtc64_*_0.dll", "nvidia/*/bin/*/nvrtc64_*_0.dll")
+"""Where packages have NVRTC."""
+NVRTC_HEADER = """
+typedef signed char int8_t; typedef unsigned char uint8_t; typedef short int16_t; typedef unsigned short uint16_t;
+typedef int int32_t; typedef unsigned int uint32_t; typedef long long int64_t; typedef unsigned long long uint64_t;
+#define HUGE_VALF __int_as_float(0x7f800000)
+namespace std {
+using ::asin; using ::ceil; using ::exp; using ::expm1; using ::fabs; using ::floor; using ::fmax; using ::fmin;
+using ::log; using ::log1p; using ::sin; using ::sqrt;
+template <class T> __host__ __device__ constexpr const T &min(const T &a, const T &b) { return b < a ? b : a; }
+template <class T> __host__ __device__ constexpr const T &max(const T &a, const T &b) { return a < b ? b : a; }
+}
+"""
+"""What NVRTC lacks of C++'s own headers."""
 LIBRARY = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
 """The driver's own library, which a machine with a GPU has."""
 BLOCK = 128
 """Threads of a block."""
+CAPABILITY = 75, 76
+"""The driver's numbers of what a compute capability is made of."""
 OUT_OF_MEMORY = 2
 """The driver's number of the error that its memory does not suffice."""
 
@@ -56,7 +84,62 @@ def missing() -> str:
     """Return why no GPU traces rays here, in a sentence; "" where one does."""
     if driver() is None:
         return f"no NVIDIA GPU is usable here ({LIBRARY} is absent or finds none)"
-    return "" if KERNELS.is_file() else f"{KERNELS} is missing: make cuda compiles it"
+    if KERNELS.is_file() or (SOURCE is not None and nvrtc() is not None):
+        return ""
+    return (
+        f"{KERNELS} is missing: make cuda compiles it, or NVRTC (pip install nvidia-cuda-nvrtc), which is not installed"
+    )
+
+
+@functools.cache
+def nvrtc() -> ctypes.CDLL | None:
+    """CUDA's compiler as a library, of a package or the system's; None where there is none."""
+    packages = (
+        str(path) for folder in sys.path for name in NVRTC_FILES for path in sorted(Path(folder or ".").glob(name))
+    )
+    for name in (*packages, "libnvrtc.so.13", "libnvrtc.so.12", "nvrtc64_130_0.dll", "nvrtc64_120_0.dll"):
+        with suppress(OSError):
+            return ctypes.CDLL(name)
+    return None
+
+
+def compiled(capability: str) -> bytes:
+    """Return the kernels' machine code for a compute capability, such as "90", by NVRTC, or from the user's cache folder. It
+    takes a minute. Raises `UnisimError`."""
+    library = nvrtc()
+    assert library is not None and SOURCE is not None
+    text = NVRTC_HEADER + _with_includes(SOURCE / "cuda" / "kernels.cu", set())
+    file = cache_folder() / "cuda" / f"{hashlib.sha256(f'{capability} {text}'.encode()).hexdigest()}.cubin"
+    if file.is_file():
+        return file.read_bytes()
+    program, size = ctypes.c_void_p(), ctypes.c_size_t()
+    library.nvrtcCreateProgram(ctypes.byref(program), text.encode(), b"kernels.cu", 0, None, None)
+    options = [f"--gpu-architecture=sm_{capability}".encode(), b"--std=c++17"]
+    if library.nvrtcCompileProgram(program, len(options), (ctypes.c_char_p * len(options))(*options)):
+        library.nvrtcGetProgramLogSize(program, ctypes.byref(size))
+        log = ctypes.create_string_buffer(size.value)
+        library.nvrtcGetProgramLog(program, log)
+        raise UnisimError(f"NVRTC does not compile the kernels for capability {capability}: {log.value.decode()[:500]}")
+    library.nvrtcGetCUBINSize(program, ctypes.byref(size))
+    code = ctypes.create_string_buffer(size.value)
+    library.nvrtcGetCUBIN(program, code)
+    with suppress(OutputError, OSError):
+        write_file(file, code.raw)
+    return code.raw
+
+
+def _with_includes(path: Path, seen: set[Path]) -> str:
+    """Return a source with the project's own headers in place; the language's are left out."""
+    lines = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if line.startswith('#include "'):
+            header = (path.parent / line.split('"')[1]).resolve()
+            if header not in seen:
+                seen.add(header)
+                lines.append(_with_includes(header, seen))
+        elif not line.startswith(("#include", "#pragma once")):
+            lines.append(line)
+    return "\n".join(lines) + "\n"
 
 
 def count() -> int:
@@ -83,12 +166,21 @@ class Gpu:
         self.call("cuDeviceGet", ctypes.byref(device), number)
         self.call("cuDevicePrimaryCtxRetain", ctypes.byref(self._context), device)
         self.enter()
-        self.call("cuModuleLoadData", ctypes.byref(self._module), KERNELS.read_bytes())
+        kernels = KERNELS.read_bytes() if KERNELS.is_file() else compiled(self._capability(device))
+        self.call("cuModuleLoadData", ctypes.byref(self._module), kernels)
         name = ctypes.create_string_buffer(256)
         self.call("cuDeviceGetName", name, len(name), device)
         self.name = name.value.decode()
         self._spare: dict[int, list[int]] = {}
         self._spare_pinned: dict[int, list[int]] = {}
+
+    def _capability(self, device: ctypes.c_int) -> str:
+        number = ctypes.c_int()
+        digits = []
+        for attribute in CAPABILITY:
+            self.call("cuDeviceGetAttribute", ctypes.byref(number), attribute, device)
+            digits.append(str(number.value))
+        return "".join(digits)
 
     def enter(self) -> None:
         """Have the calling thread use this GPU."""

@@ -346,6 +346,9 @@ def test_a_gpu_is_taken_where_one_traces(driver: ctypes.CDLL, monkeypatch: pytes
     assert pick_device("auto") == "cuda" and backend_name("cuda") == "gpu" and backend_name("cpu") == "compiled"
     assert environment("cuda")["gpu"] == "a CPU" and "gpu" not in environment("cpu")
     monkeypatch.setattr(cuda_driver, "KERNELS", tmp_path / "none.fatbin")
+    monkeypatch.setattr(cuda_driver, "nvrtc", lambda: object())
+    assert not cuda_driver.missing()
+    monkeypatch.setattr(cuda_driver, "nvrtc", lambda: None)
     assert "make cuda" in cuda_driver.missing() and backend_name("cuda") == "torch"
     monkeypatch.setattr(cuda_driver, "LIBRARY", "libnone.so")
     cuda_driver.driver.cache_clear()
