@@ -192,7 +192,6 @@ class LidarModel:
 
     @property
     def beams(self) -> int:
-        """Number of beams."""
         return len(self.elevation_rad)
 
 

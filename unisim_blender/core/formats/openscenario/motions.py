@@ -33,7 +33,6 @@ class Done:
     """An action that ends as it starts."""
 
     def done(self, time_s: float) -> bool:
-        """Return True."""
         return True
 
     def stop(self, time_s: float) -> None:
@@ -179,7 +178,6 @@ class Profile:
     speeds: list[float]
 
     def value(self, time_s: float) -> float:
-        """Return the speed."""
         return float(np.interp(time_s, self.times_s, self.speeds))
 
     def done(self, time_s: float) -> bool:
@@ -199,7 +197,6 @@ class KeepsGap:
     last_s: float
 
     def value(self, time_s: float) -> float:
-        """Return the speed."""
         accelerates, brakes, fastest = self.limits
         before_s, self.last_s = self.last_s, time_s
         off, now, step = self.off(before_s), self.entity.speed_m_s, time_s - before_s
@@ -261,7 +258,6 @@ class Arrives:
     over: bool = False
 
     def value(self, time_s: float) -> float:
-        """Return the speed."""
         before_s, self.last_s = self.last_s, time_s
         way, takes = self.way_left(before_s), self.others_time_s(before_s)
         now, step = self.entity.speed_m_s, time_s - before_s

@@ -181,7 +181,6 @@ class PandasetLog(FileLog):
 
     @property
     def road(self) -> Mapping[int, bool]:
-        """See `LogExtras.road`."""
         return ROAD if self._semantics else {}
 
     def sweep_frames(self, lidar: str) -> tuple[int, ...]:
