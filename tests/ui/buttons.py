@@ -14,7 +14,7 @@ from collections.abc import Generator, Iterator
 
 import bpy
 from hands import click, key, mouse, to, write
-from session import inside, view, waited_s
+from session import inside, is_searching, view, waited_s
 
 ROW = 8
 """Distance of two looks, in pixels: a row of buttons is 20 pixels high."""
@@ -215,15 +215,15 @@ def redo_panel(value: str, new: str) -> Iterator[float]:
     manager, (x, y) = bpy.context.window_manager, mouse
     yield from key("F9")
     yield 0.5
-    begun = time.monotonic()
+    begun, is_searching[0] = time.monotonic(), True
     for down in range(30, -200, -6):
         yield from to(x + 222, y + down)
         manager.clipboard = ""
         yield from key("C", ctrl=True)
         if same_number(manager.clipboard, value):
             break
-    else:
-        raise AssertionError(f"no field of the redo panel shows {value}")
+    is_searching[0] = False
+    assert same_number(manager.clipboard, value), f"no field of the redo panel shows {value}"
     waited_s["search"] += time.monotonic() - begun
     yield from key("RET")
     yield 0.1

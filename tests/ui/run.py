@@ -105,14 +105,14 @@ def main(
     shutil.copy(archive, work / "unisim.zip")
     for script in HERE.glob("*.py"):
         shutil.copy(script, work)
-    own = os.environ.get("UNISIM_UI_SCENE")
-    place_scene(root, Path(own) if own else SAMPLE, Path(inner, "scene"))
+    own_scene, own = os.environ.get("UNISIM_UI_SCENE"), os.environ.get("UNISIM_UI_LOG")
+    place_scene(root, Path(own_scene) if own_scene else SAMPLE, Path(inner, "scene"))
     if "ten_tasks" in chosen:
         place_scene(root, SAMPLE, Path(inner, "another"))
     if "sequences" in chosen:
         shutil.copytree(synthetic("small", "3", "96", "54"), work / "small")
-    own = os.environ.get("UNISIM_UI_LOG")
-    if own or {"importing", "maneuvers", "ten_tasks"} & set(chosen):
+    needed = {"importing", "maneuvers"} if own_scene else {"importing", "maneuvers", "ten_tasks"}
+    if own or needed & set(chosen):
         recorded = own or (street() if "importing" in chosen else synthetic("long", "80", "96", "54"))
         shutil.copytree(recorded, work / "log")
     if "layouts" in chosen:

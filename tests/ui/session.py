@@ -25,6 +25,8 @@ MODULE = "bl_ext.user_default.unisim_blender"
 results: dict[str, object] = {}
 waited_s = {"machine": 0.0, "search": 0.0}
 """For how long a session has waited for the window's work, and searched the window for buttons, which a person sees."""
+is_searching = [False]
+"""Whether keys are pressed for such a search: they are none of a person's."""
 
 
 def area(kind: str) -> bpy.types.Area:

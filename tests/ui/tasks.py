@@ -23,6 +23,7 @@ from session import (
     OUT,
     SCENE,
     area,
+    is_searching,
     named,
     redraw,
     results,
@@ -38,7 +39,7 @@ IMPORTED = OUT.parent / "imported.blend"
 
 
 presses, steps = [0], [0]
-"""Of the task that runs: what was pressed, and the same with a text that was typed as one."""
+"""Of the task that runs: what was pressed, and the same with a text that is typed, or a wheel that is turned, as one."""
 
 
 def task(name: str, todo: Callable[[], Iterator[float]]) -> Iterator[float]:
@@ -55,13 +56,14 @@ def task(name: str, todo: Callable[[], Iterator[float]]) -> Iterator[float]:
     assert isinstance(table, dict)
     heart.begin()
     presses[0], steps[0], begun = 0, 0, time.monotonic()
-    event, typing, waited_before = hands.event, [False], dict(waited_s)
+    event, before, waited_before = hands.event, [""], dict(waited_s)
 
     def counted(kind: str, value: str, **more: Any) -> None:
-        if value == "PRESS":
+        if value == "PRESS" and not is_searching[0]:
             presses[0] += 1
-            steps[0] += not (typing[0] and "unicode" in more)
-            typing[0] = "unicode" in more
+            goes_on = "text" if "unicode" in more else kind if kind.startswith("WHEEL") else ""
+            steps[0] += not goes_on or goes_on != before[0]
+            before[0] = goes_on
         event(kind, value, **more)
 
     hands.event = counted

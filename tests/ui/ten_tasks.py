@@ -16,6 +16,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+from bpy_extras.view3d_utils import location_3d_to_region_2d
 
 sys.path.insert(0, str(Path(__file__).parent))
 import hands
@@ -80,31 +81,41 @@ def parked_row() -> list[bpy.types.Object]:
 
 
 def removed() -> Iterator[float]:
-    """A lasso around the parked row in the camera's view, X, Enter."""
-    row = parked_row()
-    uids = sorted(obj.unisim.uid for obj in row)
-    at = sorted(place(obj.matrix_world.translation) for obj in row)
-    around = [(x, y + 9) for x, y in at] + [(x, y - 9) for x, y in reversed(at)]
-    around = [(around[0][0] - 9, around[0][1]), *around]
-    yield from to(*around[0])
-    hands.event("RIGHTMOUSE", "PRESS", ctrl=True)
-    yield 0.1
-    for (x, y), (to_x, to_y) in zip(around, [*around[1:], around[0]], strict=True):
-        for share in np.linspace(0.1, 1.0, 10):
-            hands.mouse[:] = round(x + share * (to_x - x)), round(y + share * (to_y - y))
-            hands.event("MOUSEMOVE", "NOTHING", ctrl=True)
-            yield 0.02
-    hands.event("RIGHTMOUSE", "RELEASE", ctrl=True)
-    yield 0.3
-    screenshot("ten_lasso")
-    yield from to(*middle(area("VIEW_3D")))
+    """Bird's-Eye View, B, a box over the parked row, X, Enter, and Bird's-Eye View again."""
+    views = module("features.points.birds_eye").views
+    uids = sorted(obj.unisim.uid for obj in parked_row())
+    yield from press("unisim.birds_eye")
+    yield from until(lambda: list(views(bpy.context.scene)), "no view from above opens", 10)
+    yield 1.0
+    ((found, space, _),) = views(bpy.context.scene)
+    region = next(r for r in found.regions if r.type == "WINDOW")
+    at = [location_3d_to_region_2d(region, space.region_3d, o.matrix_world.translation) for o in parked_row()]
+    (left, down), (right, up) = (
+        np.array([region.x, region.y]) + pick(np.array(at), axis=0) for pick in (np.min, np.max)
+    )
+    yield from boxed(left - 2, down, right + 2, up)
+    screenshot("ten_row_selected")
     yield from key("X")
     yield 0.3
     yield from key("RET")
-    yield from until(
-        lambda: sorted(uid for kind, uid in edits() if kind == "Remove") == uids, f"not {uids}: {edits()}", 20
-    )
+    gone = lambda: sorted(uid for kind, uid in edits() if kind == "Remove")  # noqa: E731
+    yield from until(lambda: gone() == uids, f"{gone()} are removed and not {uids}", 20)
     results["removed"] = len(uids)
+    yield from press("unisim.birds_eye")
+
+
+def boxed(x: float, y: float, to_x: float, to_y: float) -> Iterator[float]:
+    """B, and a box from one place of the window to another."""
+    yield from to(x, y)
+    yield from key("B")
+    yield 0.2
+    hands.event("LEFTMOUSE", "PRESS")
+    yield 0.1
+    for share in np.linspace(0.1, 1.0, 6):
+        yield from to(x + share * (to_x - x), y + share * (to_y - y))
+        yield 0.05
+    hands.event("LEFTMOUSE", "RELEASE")
+    yield 0.3
 
 
 def inserted() -> Iterator[float]:
@@ -117,6 +128,8 @@ def inserted() -> Iterator[float]:
     screenshot("ten_thumbnails")
     yield from key("RET")
     yield from until(lambda: stated("insert") or stated("duplicate"), "no car is inserted", 20)
+    yield from to(*place(bpy.context.view_layer.objects.active.matrix_world.translation))  # Blender hears of the view
+    yield 0.3
     yield from maneuvers.from_pie("cut_in")
     (first,) = stated("cut_in")
     earlier = max(first["at_s"] - EARLIER_S, 0.0)
