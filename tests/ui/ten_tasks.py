@@ -89,10 +89,9 @@ def removed() -> Iterator[float]:
     yield 1.0
     ((found, space, _),) = views(bpy.context.scene)
     region = next(r for r in found.regions if r.type == "WINDOW")
-    at = [location_3d_to_region_2d(region, space.region_3d, o.matrix_world.translation) for o in parked_row()]
-    (left, down), (right, up) = (
-        np.array([region.x, region.y]) + pick(np.array(at), axis=0) for pick in (np.min, np.max)
-    )
+    shown = [location_3d_to_region_2d(region, space.region_3d, o.matrix_world.translation) for o in parked_row()]
+    corners = np.array(shown) + [region.x, region.y]
+    (left, down), (right, up) = corners.min(0), corners.max(0)
     yield from boxed(left - 2, down, right + 2, up)
     screenshot("ten_row_selected")
     yield from key("X")
