@@ -22,6 +22,7 @@ from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.views import rollouts as views
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.scenario import apply_scenario, load_scenario
+from unisim_blender.core.scenario.edits import Insert
 from unisim_blender.core.simulation.rollout.steps import read_steps
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.source import scene_actors
@@ -306,8 +307,8 @@ def test_driving_on_names_the_scene_of_an_actor_that_was_removed(scene: Any, rol
     bpy.data.objects.remove(shown.objects["New"])
     path = rolled_with_new_actors.parent / "on.json"  # in another folder
     again = scenario_of(shown, path, start_s=0.3)
-    (edit,) = [edit for edit in again.edits if edit.type == "insert"]
-    assert again.resolve(edit.scene) == (SAMPLE / "scene").resolve()
+    (edit,) = [edit for edit in again.edits if isinstance(edit, Insert)]
+    assert again.resolve(str(edit.scene)) == (SAMPLE / "scene").resolve()
     new = apply_scenario(again, source_of(shown).drive, scene_actors).actors["New"]
     assert new.present(0.1) and not new.present(0.4)
 
