@@ -97,10 +97,14 @@ def removed() -> Iterator[float]:
     yield from key("X")
     yield 0.3
     yield from key("RET")
-    gone = lambda: sorted(uid for kind, uid in edits() if kind == "Remove")  # noqa: E731
-    yield from until(lambda: gone() == uids, f"{gone()} are removed and not {uids}", 20)
+    yield from until(lambda: removals() == uids, f"{removals()} are removed and not {uids}", 20)
     results["removed"] = len(uids)
     yield from press("unisim.birds_eye")
+
+
+def removals() -> list[str]:
+    """The ids of the actors that are removed."""
+    return sorted(uid for kind, uid in edits() if kind == "Remove")
 
 
 def boxed(x: float, y: float, to_x: float, to_y: float) -> Iterator[float]:
