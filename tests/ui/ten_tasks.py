@@ -91,7 +91,7 @@ def removed() -> Iterator[float]:
     region = next(r for r in found.regions if r.type == "WINDOW")
     shown = [location_3d_to_region_2d(region, space.region_3d, o.matrix_world.translation) for o in parked_row()]
     corners = np.array(shown) + [region.x, region.y]
-    left, down, right, up = (*corners.min(0), *corners.max(0))
+    (left, down), (right, up) = corners.min(0), corners.max(0)
     yield from boxed(left - 2, down, right + 2, up)
     screenshot("ten_row_selected")
     yield from key("X")
