@@ -88,21 +88,21 @@ def rendered_drive(plan: RenderPlan) -> Drive:
         raise OutputError(
             f"{drive.name}: sensors with times of their own beside frames make no log in PandaSet's layout"
         )
-    return replace(
+    drive = replace(
         drive,
         frames=tuple(range(len(numbered))),
+        cameras=cameras,
+        lidars=lidars,
         time_s={i: moment.time_s(drive) for i, moment in enumerate(numbered)},
-        cameras={name: replace(camera, time_s=_times(camera, numbered)) for name, camera in cameras.items()},
-        lidars={name: replace(lidar, time_s=_times(lidar, numbered)) for name, lidar in lidars.items()},
     )
+    return drive.with_sensors(lambda sensor: replace(sensor, time_s=_times(sensor, numbered)))
 
 
 def _times(sensor: Camera | Lidar, moments: Sequence[Moment]) -> dict[int, float]:
     """Return when a sensor was captured, by the numbers of the moments."""
     times = {}
     for i, moment in enumerate(moments):
-        captures = moment.cameras if isinstance(sensor, Camera) else moment.lidars
-        own = next((capture for capture in captures if capture.sensor_id == sensor.sensor_id), None)
+        own = next((capture for capture in moment.captures.values() if capture.sensor_id == sensor.sensor_id), None)
         if own is not None:
             times[i] = own.time_s(sensor)
     return times

@@ -204,18 +204,8 @@ def carried_outside(drive: Drive, scenario: Scenario, times_us: Iterable[int]) -
     drive = replace(drive, actors={uid: carried(actor) for uid, actor in drive.actors.items()})
     if ego_rule != "hold":
         return drive
-    return replace(
-        drive,
-        world_from_ego=_holding(drive.world_from_ego, first_s, last_s),
-        cameras={
-            name: replace(camera, world_from_camera=_holding(camera.world_from_camera, first_s, last_s))
-            for name, camera in drive.cameras.items()
-        },
-        lidars={
-            name: replace(lidar, world_from_lidar=_holding(lidar.world_from_lidar, first_s, last_s))
-            for name, lidar in drive.lidars.items()
-        },
-    )
+    drive = drive.with_sensors(lambda sensor: sensor.along(_holding(sensor.trajectory, first_s, last_s)))
+    return replace(drive, world_from_ego=_holding(drive.world_from_ego, first_s, last_s))
 
 
 def _own_rules(scenario: Scenario) -> dict[str, str | None]:

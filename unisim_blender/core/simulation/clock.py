@@ -69,9 +69,9 @@ def exposures(drive: Drive, rates: Mapping[str, Rate], start_us: int, stop_us: i
 
     ``rates`` are by the sensors' names; the others capture nothing.
     """
-    complete = []
+    complete, sensors = [], drive.sensors
     for name, rate in rates.items():
-        sensor: Camera | Lidar = drive.cameras[name] if name in drive.cameras else drive.lidars[name]
+        sensor = sensors[name]
         before, after = _reach(sensor, start_us)
         for time_us in rate.from_time(start_us - after):
             if time_us - before > stop_us:
