@@ -27,7 +27,6 @@ class SourceParam(click.Path):
         super().__init__(path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """See `click.Path.convert`."""
         return value if is_url(value) else super().convert(value, param, ctx)
 
 

@@ -44,11 +44,9 @@ class RayRenderer(Protocol):
         self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None
     ) -> CameraFrame:
         """Render the image of a frame of the log, ``width`` pixels wide (None: as recorded)."""
-        ...
 
     def rays_lidar(self, origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> RayResults:
         """Render LiDAR rays (N, 3), (N, 3), world frame, at times (N,)."""
-        ...
 
 
 class TimedRenderer:

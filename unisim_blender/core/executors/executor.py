@@ -95,7 +95,6 @@ class Executor(Protocol):
         worker is ended from outside is run again, `MAX_LOSSES` times at most. ``make`` is not called where there are no
         units; what it raises is raised here. ``on_worker`` is called here as workers begin something else.
         """
-        ...
 
 
 def attempt(index: int, function: Callable[..., ResultT], *arguments: Any) -> Outcome[ResultT]:

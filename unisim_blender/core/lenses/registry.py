@@ -45,14 +45,12 @@ class Pinhole(Lens):
         return 1.0
 
     def project(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """See `Lens.project`."""
         z = points[..., 2]
         valid = (z > 0) & np.isfinite(points).all(-1)
         plane = points[..., :2] / np.where(valid, z, 1.0)[..., None]
         return np.where(valid[..., None], plane, np.nan), valid
 
     def unproject(self, plane: FloatArray) -> FloatArray:
-        """See `Lens.unproject`."""
         x, y = plane[..., 0], plane[..., 1]
         length = np.sqrt(x * x + (y * y + 1))
         with np.errstate(invalid="ignore"):

@@ -77,7 +77,6 @@ class StateSource(Protocol):
 
     def state(self, start_s: float, end_s: float) -> WorldState:
         """Return the world from ``start_s`` to ``end_s``, seconds."""
-        ...
 
 
 MAX_COMPARISONS = 1 << 24

@@ -91,7 +91,6 @@ class ArrayReader(Protocol):
 
     def arrays(self, event: dict[str, Any]) -> dict[str, NDArray[Any]]:
         """The arrays by name."""
-        ...
 
 
 @dataclass

@@ -144,27 +144,22 @@ class ImageStore(Protocol):
 
     def advance(self, step: int) -> None:
         """Let step ``step`` draw from what it may."""
-        ...
 
     @property
     def drawable(self) -> NDArray[np.int64] | None:
         """The views (K,) that may be drawn from, increasing; None for all."""
-        ...
 
     @property
     def first(self) -> Sequence[int]:
         """The views that the first step may draw from."""
-        ...
 
     def image(self, view: int) -> NDArray[np.uint8]:
         """An image (H, W, 3) that may be drawn from."""
-        ...
 
     def pixels(
         self, camera: int, view: NDArray[np.int64], y: NDArray[np.int64], x: NDArray[np.int64]
     ) -> NDArray[np.uint8]:
         """Pixels (..., 3) of one camera's views, rows and columns, which are broadcast."""
-        ...
 
 
 def bytes_of(views: Sequence[ImageView]) -> list[int]:
