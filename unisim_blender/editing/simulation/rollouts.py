@@ -20,9 +20,7 @@ from ...core.geometry import FloatArray
 from ...core.json_file import read_json
 from ...core.scenario import scenario_to_json
 from ...core.scenario.types import Scenario
-from ...core.simulation.rollout.steps import SCENARIO_NAME as SCENARIO
-from ...core.simulation.rollout.steps import STEPS_NAME as STEPS
-from ...core.simulation.rollout.steps import read_steps
+from ...core.simulation.rollout.steps import SCENARIO_NAME, STEPS_NAME, read_steps
 from ...core.simulation.vehicle.actions import Plan
 from ...core.simulation.vehicle.parameters import Vehicle
 from ...core.world.captures import US_PER_SECOND
@@ -31,8 +29,8 @@ from ..reading.scenario import write_scenario
 from ..sampled.source import is_rollout
 from ..texts import Text, kmh, translatable
 
-SCORES = "scores.json"
-"""The file of a rollout's scores in its folder."""
+SCORES, STEPS, SCENARIO = "scores.json", STEPS_NAME, SCENARIO_NAME
+"""Files of a rollout's folder."""
 MOST = 10_000
 
 
