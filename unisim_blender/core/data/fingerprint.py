@@ -76,7 +76,6 @@ class Fingerprint:
     frames: dict[int, FrameMarks]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
 
         def numbers(array: FloatArray | None) -> list[float | None] | None:
             if array is None:
@@ -349,7 +348,6 @@ class AlignedLog:
         return getattr(self._log, name)
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
-        """Return the recorded returns."""
         sweep = self._log.sweep(lidar, frame)
         drops = sweep.drops
         if drops is not None:

@@ -128,11 +128,9 @@ class CachedTruth:
     folder: Path
 
     def drive(self, version: Version) -> Drive:
-        """See `Truth.drive`."""
         return self.true.drive(version)
 
     def images(self, camera: str, frame: int) -> TrueImages:
-        """See `Truth.images`."""
 
         def compute() -> Arrays:
             true = self.true.images(camera, frame)

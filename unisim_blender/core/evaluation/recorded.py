@@ -59,7 +59,6 @@ class TimedRenderer:
     def camera(
         self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None
     ) -> CameraFrame:
-        """See `RayRenderer.camera`."""
         begun = time.perf_counter()
         capture = Capture.of_frame(self.states.camera(camera_id), frame)
         image = render_image(self.renderer, self.states, capture, passes, width)
@@ -67,7 +66,6 @@ class TimedRenderer:
         return image
 
     def rays_lidar(self, origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> RayResults:
-        """See `RayRenderer.rays_lidar`."""
         begun = time.perf_counter()
         times = time_s[np.isfinite(time_s)]
         window = (float(times.min()), float(times.max())) if times.size else (0.0, 0.0)

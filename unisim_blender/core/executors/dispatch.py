@@ -146,7 +146,6 @@ class _Workers(Generic[WorkerT]):
         self.queue = SceneQueue(self.scenes)
 
     def start(self, number: int) -> None:
-        """Start a worker of this number."""
         self.states[self.pool.start()] = _State(number)
         self.on_worker(WorkerState(number, "starting"))
 
@@ -182,7 +181,6 @@ class _Workers(Generic[WorkerT]):
         return None if state.index in (None, PREPARING) else self.queue.lost(state.index)
 
     def end(self) -> None:
-        """End all workers."""
         for worker in self.states:
             self.pool.end(worker)
 
@@ -198,7 +196,6 @@ class ThisProcess:
         scenes: Sequence[str] | None = None,
         on_worker: OnWorker = ignore,
     ) -> Outcomes[ResultT]:
-        """See `Executor.run`."""
         if not units:
             return
         on_worker(WorkerState(0, "starting"))
@@ -226,7 +223,6 @@ class Processes:
         scenes: Sequence[str] | None = None,
         on_worker: OnWorker = ignore,
     ) -> Outcomes[ResultT]:
-        """See `Executor.run`."""
         yield from dispatch(
             _Pool(make), units, jobs or os.cpu_count() or 1, scene_of_each_unit(scenes, len(units)), on_worker
         )

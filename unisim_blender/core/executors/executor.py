@@ -63,7 +63,6 @@ class Outcome(Generic[ResultT]):
     details: str = ""
 
     def get(self) -> ResultT:
-        """Return the result, or raise the error."""
         if self.error is not None:
             raise self.error from (WorkerTraceback(self.details) if self.details else self.error.__cause__)
         return self.result  # type: ignore[return-value]  # None only where a unit's result is

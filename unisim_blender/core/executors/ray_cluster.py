@@ -61,7 +61,6 @@ class RayCluster:
         scenes: Sequence[str] | None = None,
         on_worker: OnWorker = ignore,
     ) -> Outcomes[ResultT]:
-        """See `Executor.run`."""
         if not units:
             return
         with _joined(self.named, min(jobs or os.cpu_count() or 1, len(units))) as ray:

@@ -84,7 +84,6 @@ class RenderedLog:
         """Rendered frames as JSON text, their files' digests included."""
 
     def image_frames(self, camera: str) -> tuple[int, ...]:
-        """Frames of which the camera has an image."""
         if camera not in self.drive.cameras:
             return ()
         return tuple(frame for frame in self.drive.cameras[camera].time_s if self.image_path(camera, frame) is not None)

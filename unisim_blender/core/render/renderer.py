@@ -172,7 +172,6 @@ class Renderer:
 
     @property
     def reach(self) -> Reach:
-        """See `reach_of`."""
         return reach_of(self.shadows)
 
     def margin(self, state: WorldState) -> int:

@@ -116,7 +116,6 @@ class CaptureIdentities:
         return self.of_moment(self.plan.moment_of_frame(frame))
 
     def of(self, sensor: Camera | Lidar, capture: Capture) -> Identity:
-        """Return a capture's identity."""
         state = self._state(sensor, capture)
         digest = hashlib.sha256(self._camera if isinstance(sensor, Camera) else self._lidar)
         for part in _sensor_parts(sensor, capture):

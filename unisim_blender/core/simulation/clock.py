@@ -57,7 +57,6 @@ class Exposure:
 
     @staticmethod
     def of(sensor: Camera | Lidar, capture: Capture) -> Exposure:
-        """Return the exposure of a sensor's capture."""
         start_s, end_s = exposure_window(sensor, capture.time_s(sensor))
         start, end = start_s * US_PER_SECOND + ROUNDING_US, end_s * US_PER_SECOND - ROUNDING_US
         return Exposure(capture, math.floor(start), math.ceil(end))

@@ -193,7 +193,6 @@ class LidarModel:
 
     @property
     def beams(self) -> int:
-        """Number of beams."""
         return len(self.elevation_rad)
 
 

@@ -157,7 +157,6 @@ class DriveStates:
         )
 
     def state(self, start_s: float, end_s: float) -> WorldState:
-        """See `StateSource`."""
         active = np.flatnonzero((self._ends_s >= start_s) & (self._starts_s <= end_s)).tolist()
         starts, ends = np.maximum(self._starts_s, start_s).tolist(), np.minimum(self._ends_s, end_s).tolist()
         actors = (

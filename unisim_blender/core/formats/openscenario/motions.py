@@ -33,7 +33,6 @@ class Done:
     """An action that ends as it starts."""
 
     def done(self, time_s: float) -> bool:
-        """Return True."""
         return True
 
     def stop(self, time_s: float) -> None:
@@ -139,7 +138,6 @@ class Change:
         return self.start + (self.target() - self.start) * eased(self.shape, self._share(time_s))
 
     def done(self, time_s: float) -> bool:
-        """Whether it is there."""
         return not self.continuous and self._share(time_s) >= 1 - 1e-9
 
 
@@ -179,7 +177,6 @@ class Profile:
     speeds: list[float]
 
     def value(self, time_s: float) -> float:
-        """Return the speed."""
         return float(np.interp(time_s, self.times_s, self.speeds))
 
     def done(self, time_s: float) -> bool:
@@ -199,7 +196,6 @@ class KeepsGap:
     last_s: float
 
     def value(self, time_s: float) -> float:
-        """Return the speed."""
         accelerates, brakes, fastest = self.limits
         before_s, self.last_s = self.last_s, time_s
         off, now, step = self.off(before_s), self.entity.speed_m_s, time_s - before_s
@@ -241,7 +237,6 @@ class KeepsBeside:
         return now + self.across_m_s * step
 
     def done(self, time_s: float) -> bool:
-        """Whether it is there."""
         goal = self.goal(time_s)
         return not self.continuous and (goal is None or abs(goal - self.entity.left_m) < 1e-3)
 
@@ -261,7 +256,6 @@ class Arrives:
     over: bool = False
 
     def value(self, time_s: float) -> float:
-        """Return the speed."""
         before_s, self.last_s = self.last_s, time_s
         way, takes = self.way_left(before_s), self.others_time_s(before_s)
         now, step = self.entity.speed_m_s, time_s - before_s
@@ -281,5 +275,4 @@ class Arrives:
         return min(max(now + (6 * way / takes - 4 * now - 2 * final) * min(step / takes, 0.25), 0.0), FASTEST_M_S)
 
     def done(self, time_s: float) -> bool:
-        """Whether both have arrived."""
         return self.over

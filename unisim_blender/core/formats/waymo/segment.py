@@ -42,7 +42,6 @@ class Segment:
         return tuple(self.root.glob(f"*/{self.name}{SUFFIX}"))
 
     def has(self, component: str) -> bool:
-        """Whether the segment has a component."""
         return self.file(component).is_file()
 
     def read(self, component: str, columns: dict[str, Kind]) -> ArrowColumns:

@@ -40,7 +40,6 @@ class Brake(Maneuver):
     acceleration_m_s2: float | None = None
 
     def motion(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> Trajectory:
-        """Return the trajectory."""
         course, slow = own_course(actor, self.at_s, place), self.speed_m_s or 0.0
         before = float(course.speed(self.at_s))
         require(

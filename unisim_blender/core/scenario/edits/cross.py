@@ -54,7 +54,6 @@ class Cross(Maneuver):
         return context.presence(None, place)
 
     def motion(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> Trajectory:
-        """Return the trajectory."""
         ego, at_s = ego_course(drive, place), context.check_time(self.at_s, f"{place}.at_s")
         gap = self.gap_m if self.gap_s is None else self.gap_s * float(ego.speed(at_s))
         assert gap is not None  # one of both is there: the scenario was checked

@@ -32,7 +32,6 @@ class Follow(Maneuver):
     gap_m: float
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse an actor that follows itself."""
         require(self.leader != self.actor, f"{place}.leader", f'"{self.actor}" cannot follow itself')
 
     def window(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> tuple[float, float]:
@@ -41,7 +40,6 @@ class Follow(Maneuver):
         return leader.start_s, leader.end_s
 
     def motion(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> Trajectory:
-        """Return the trajectory."""
         leader, times = current(drive, self.leader, f"{place}.leader", context), frame_times(context)
         course = DrivenPath.of(leader.world_from_actor)
         require(course is not None, f"{place}.leader", f'"{self.leader}" stands: there is nothing to follow')

@@ -22,10 +22,8 @@ class Remove(Edit):
     actor: str
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """Return the drive without the actor."""
         current(drive, self.actor, f"{place}.actor", context)
         return replace(drive, actors={uid: actor for uid, actor in drive.actors.items() if uid != self.actor})
 
     def removes(self, uid: str) -> bool:
-        """Return whether ``uid`` is the actor."""
         return uid == self.actor

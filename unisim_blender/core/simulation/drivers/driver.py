@@ -194,7 +194,6 @@ class CheckedDriver:
         return checked
 
     def drive(self, observation: Observation) -> Action:
-        """See `Driver.drive`."""
         self.step += 1
         when = f"at step {self.step}, {observation.time_us / 1e6:g} s"
         try:

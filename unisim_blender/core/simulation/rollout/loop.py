@@ -47,7 +47,6 @@ class _Known:
                 self.values.extend((key.time_s, *key.position_m, *key.quaternion_wxyz))
 
     def keys(self) -> tuple[PoseKey, ...]:
-        """Return them all."""
         rows = (self.values[at : at + KEY_NUMBERS] for at in range(0, len(self.values), KEY_NUMBERS))
         return tuple(PoseKey(time_s, (x, y, z), (a, b, c, d)) for time_s, x, y, z, a, b, c, d in rows)
 

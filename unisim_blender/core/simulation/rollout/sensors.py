@@ -176,7 +176,6 @@ class HiddenActors:
         return self._delivered(drive, exposures, renders=True)
 
     def read(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
-        """See `SensorSource.read`."""
         return self._delivered(drive, exposures, renders=False)
 
     def _delivered(

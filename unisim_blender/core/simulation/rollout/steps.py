@@ -47,7 +47,6 @@ class RolloutStep:
         return RolloutStep(world.time_us, world.ego, actors, action, captures, dict(unsupported))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
         return {
             "time_us": self.time_us,
             "action": None if self.action is None else action_to_json(self.action),

@@ -96,7 +96,6 @@ class Vehicle:
         return math.tan(steering_rad) / self.wheelbase_m
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form."""
         return {**asdict(self), "rear_axle_m": list(self.rear_axle_m)}
 
     @staticmethod

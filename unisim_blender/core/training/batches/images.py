@@ -90,7 +90,6 @@ class PixelChoice:
         return {"error": torch.as_tensor(self._error)}
 
     def load_state(self, state: dict[str, Tensor]) -> None:
-        """The inverse of `state`."""
         self._error = state["error"].numpy().astype(np.float64).reshape(self._error.shape)
 
 

@@ -69,11 +69,9 @@ class Idm(Model):
 
     @cached_property
     def driver(self) -> IdmParameters:
-        """The driver's parameters."""
         return IdmParameters(self.headway_s, self.gap_m, self.acceleration_m_s2, self.braking_m_s2, self.exponent)
 
     def start(self, actor: Actor, world: Recording, time_us: int) -> ActorMotion:
-        """Return the recorded state."""
         if actor.uid in world.people:
             replayed = _replay().start(actor, world, time_us)
             return ActorMotion(replayed.state, RecordedMemory(world, people=replayed))

@@ -23,7 +23,6 @@ class Lane(Auto):
     members = Auto.members
 
     def path_of(self, actor: Actor, world: Recording) -> ActorPath | None:
-        """Return the recorded path, continued."""
         return world.continued(actor.uid)
 
     def leaves(

@@ -43,7 +43,6 @@ class Replay(Model):
     gap_m: float = 0.5
 
     def start(self, actor: Actor, world: Recording, time_us: int) -> ActorMotion:
-        """Return the recorded state."""
         return ActorMotion(world.state(actor.uid, time_us), Walk(world))
 
     def answer(self, actor: Actor, motion: ActorMotion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
