@@ -234,11 +234,7 @@ def _camera_frame(
     actors = log.drive.actors.values()
     moving = actor_mask(camera, frame, (actor for actor in actors if actor.is_moving))
     inside = moving | actor_mask(camera, frame, (actor for actor in actors if not actor.is_moving))
-    masks = {
-        "actors": inside,
-        "moving_actors": moving,
-        "outside_actors": ~inside,
-    }
+    masks = {"actors": inside, "moving_actors": moving, "outside_actors": ~inside}
     shown = shown_pixels(log.drive.cameras[name].model, camera.model)
     scene = scene_mask(plan, name, camera.model, shown)
     if scene is not None:

@@ -182,11 +182,7 @@ def write_film(
 
 
 def film_frames(
-    folder: Path,
-    drive: Drive,
-    moments: Sequence[FilmMoment],
-    shown: Sequence[str],
-    recorded: FloatArray | None = None,
+    folder: Path, drive: Drive, moments: Sequence[FilmMoment], shown: Sequence[str], recorded: FloatArray | None = None
 ) -> Iterator[NDArray[np.uint8]]:
     """Yield a frame (H, W, 3) for each moment: the newest image of each camera of ``shown``, and the newest returns of
     all its LiDARs from above with the actors' boxes, the plan and a path. Raises `UnisimError`."""

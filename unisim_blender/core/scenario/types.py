@@ -134,11 +134,7 @@ DEFS: dict[str, Schema] = {
                 "minItems": 1,
                 "uniqueItems": True,
             },
-            "formats": {
-                "type": "array",
-                "items": {"enum": [*FRAME_FORMATS, *SEQUENCE_FORMATS]},
-                "uniqueItems": True,
-            },
+            "formats": {"type": "array", "items": {"enum": [*FRAME_FORMATS, *SEQUENCE_FORMATS]}, "uniqueItems": True},
             "width": PIXELS,
             "quality": {"enum": ["fast", "balanced", "fine", "reference"]},
             "contact_shadows": {"type": "boolean"},

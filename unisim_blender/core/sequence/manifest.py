@@ -18,10 +18,7 @@ from ..world.captures import CaptureKey, Moment, name_of, time_of_name
 from ..world.drive import Appearance
 from ..world.drive_json import drive_to_json
 from .plan import RenderPlan
-from .records import (
-    Captures,
-    read_records,
-)
+from .records import Captures, read_records
 
 MANIFEST_VERSION = 2
 COUNTS = ("rays", "samples_spent", "samples_saved", "actors_skipped")

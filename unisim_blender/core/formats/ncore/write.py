@@ -386,10 +386,7 @@ def _as_file(name: str) -> str:
 
 
 def write_ncore(
-    path: Path | str,
-    log: Log,
-    epoch_us: int = EPOCH_US,
-    on_capture: Callable[[str, int], None] | None = None,
+    path: Path | str, log: Log, epoch_us: int = EPOCH_US, on_capture: Callable[[str, int], None] | None = None
 ) -> None:
     """Write a whole log as an NCore sequence in a new folder: images as they are, sweeps with drops, poses, cuboids, masks.
 

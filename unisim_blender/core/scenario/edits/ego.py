@@ -15,15 +15,7 @@ from ..context import SENSOR_MARGIN_S, EditContext
 from ..edit import Edit, register
 from ..json_schema import NUMBER, ref
 from ..motion.keys import Keyframe, ShiftKey, check_keys
-from ..motion.trajectories import (
-    Indices,
-    Resting,
-    Stacked,
-    displaced,
-    merged_times,
-    offset_curve,
-    sampled_together,
-)
+from ..motion.trajectories import Indices, Resting, Stacked, displaced, merged_times, offset_curve, sampled_together
 from ..types import Scenario
 
 

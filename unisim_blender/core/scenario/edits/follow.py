@@ -20,12 +20,7 @@ class Follow(Maneuver):
     """The actor follows a leader on its path as Newell's drivers do (2002): so much later, and a gap behind its rear."""
 
     type = "follow"
-    members = {
-        "actor": TEXT,
-        "leader": TEXT,
-        "gap_s": NOT_NEGATIVE,
-        "gap_m": NOT_NEGATIVE,
-    }
+    members = {"actor": TEXT, "leader": TEXT, "gap_s": NOT_NEGATIVE, "gap_m": NOT_NEGATIVE}
 
     leader: str
     gap_s: float

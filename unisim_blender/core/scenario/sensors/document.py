@@ -95,10 +95,7 @@ PLACE: dict[str, Schema] = {
 }
 DEFS: dict[str, Schema] = {
     "sensors": members_of(
-        {
-            "cameras": {"type": "array", "items": ref("camera")},
-            "lidars": {"type": "array", "items": ref("lidar")},
-        },
+        {"cameras": {"type": "array", "items": ref("camera")}, "lidars": {"type": "array", "items": ref("lidar")}},
         (),
         "The sensors to render; a missing list stands for all of the log's.",
     ),

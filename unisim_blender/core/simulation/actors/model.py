@@ -171,10 +171,7 @@ def models_schema() -> Schema:
         "required": ["type"],
         "properties": {"type": {"enum": list(MODELS)}},
         "allOf": [
-            {
-                "if": {"properties": {"type": {"const": kind.type}}, "required": ["type"]},
-                "then": model_schema(kind),
-            }
+            {"if": {"properties": {"type": {"const": kind.type}}, "required": ["type"]}, "then": model_schema(kind)}
             for kind in MODELS.values()
         ],
     }

@@ -67,9 +67,7 @@ class _History:
 
 @single_threaded_torch()
 def roll_out(
-    simulation: Simulation,
-    on_step: Callable[[World], object] = lambda world: None,
-    sensors: SensorSource | None = None,
+    simulation: Simulation, on_step: Callable[[World], object] = lambda world: None, sensors: SensorSource | None = None
 ) -> Rollout:
     """Drive from the start to the end of a simulation; what the folder holds of it already is not rendered again.
 
