@@ -80,6 +80,12 @@ def redraw(*kinds: str) -> None:
         area.tag_redraw()
 
 
+def run_soon(timer: Callable[[], float | None], after_s: float = 0.0, persistent: bool = False) -> None:
+    """Have a timer of Blender's call a function, unless it does already; without a window nobody looks at what it does."""
+    if not bpy.app.background and not bpy.app.timers.is_registered(timer):
+        bpy.app.timers.register(timer, first_interval=after_s, persistent=persistent)
+
+
 def redraw_status_bar() -> None:
     """Redraw the status bar of every window, from any timer.
 
@@ -90,10 +96,11 @@ def redraw_status_bar() -> None:
     bpy.msgbus.publish_rna(key=(bpy.types.ViewLayer, "name"))
 
 
-def label_rows(text: str, width: float) -> list[str]:
-    """Return a text in rows of labels no wider than ``width``, in pixels of an ordinary display."""
+def label_rows(text: str, width: float, first: float = 0.0) -> list[str]:
+    """Return a text in rows of labels no wider than ``width``, the first than ``first`` where that is not 0, in pixels of an
+    ordinary display."""
     blf.size(0, bpy.context.preferences.ui_styles[0].widget.points)
-    return wrapped(text, width, width, lambda part: float(blf.dimensions(0, part)[0]))
+    return wrapped(text, first or width, width, lambda part: float(blf.dimensions(0, part)[0]))
 
 
 def refresh(changed: Iterable[bpy.types.Object]) -> None:

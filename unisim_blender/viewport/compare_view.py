@@ -12,7 +12,7 @@ from ..bridge.window import areas
 from ..editing.layout.overlays import Rectangle
 from ..editing.texts import Text
 from ..process.preparation import PREPARATION
-from ..registering import Drawing, add, take_away
+from ..registering import Drawing
 from ..translations import localized
 from .comparison import FLICKER_S, IMAGES, difference_of
 from .options import options_of
@@ -251,19 +251,9 @@ def _turn() -> float | None:
     return FLICKER_S if flickers else None
 
 
-CLASSES = (UNISIM_GT_split, UNISIM_GGT_split)
 DRAWINGS = (Drawing(draw, "POST_PIXEL"),)
 TIMERS = (_turn,)
+MENUS = ((bpy.types.VIEW3D_HT_header, draw_modes),)
 
 
-def register() -> None:
-    """Add the gizmo and the choice in the view's header."""
-    add(CLASSES)
-    bpy.types.VIEW3D_HT_header.append(draw_modes)
-
-
-def unregister() -> None:
-    """Take them away, and forget the recorded images."""
-    bpy.types.VIEW3D_HT_header.remove(draw_modes)
-    take_away(CLASSES)
-    IMAGES.close()
+unregister = IMAGES.close

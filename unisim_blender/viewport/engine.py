@@ -289,9 +289,6 @@ def _look() -> float | None:
     return POLL_S if any(view.expects for view in views) else None
 
 
-CLASSES = (UniSimEngine,)
-
-
 def compatible_panels() -> list[Any]:
     """Blender's own panels that mean something with this engine: those that the built-in engine has, but
     its own settings."""
@@ -305,7 +302,6 @@ def compatible_panels() -> list[Any]:
 
 def register() -> None:
     """Add the engine, and show Blender's own panels with it."""
-    bpy.utils.register_class(UniSimEngine)
     for panel in compatible_panels():
         panel.COMPAT_ENGINES.add(UniSimEngine.bl_idname)
 
@@ -314,4 +310,3 @@ def unregister() -> None:
     """Take the engine away."""
     for panel in bpy.types.Panel.__subclasses__():
         getattr(panel, "COMPAT_ENGINES", set()).discard(UniSimEngine.bl_idname)
-    bpy.utils.unregister_class(UniSimEngine)

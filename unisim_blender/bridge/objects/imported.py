@@ -11,6 +11,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ...core.actor_images.names import full_name
+from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
 from ...core.world.drive import Actor, Drive
 from ...editing.actors.table import is_plain
@@ -200,6 +201,14 @@ def source_of(scene: bpy.types.Scene) -> DriveSource:
     if not has_drive(scene):
         raise NotImported(f'scene "{scene.name}": no drive was imported into it: File > Import')
     return open_source(bpy.path.abspath(about.log), bpy.path.abspath(about.scene) if about.scene else "")
+
+
+def drive_of(scene: bpy.types.Scene) -> Drive | None:
+    """Return the recorded drive of a scene, for what is drawn; None where there is none, or it cannot be read."""
+    try:
+        return source_of(scene).drive
+    except (UnisimError, OSError):
+        return None
 
 
 def copy_of(context: bpy.types.Context, source: bpy.types.Object) -> bpy.types.Object:

@@ -361,7 +361,6 @@ class AlignedLog:
         return replace(sweep, points=points, origins=origins, time_s=sweep.time_s + self._later_s, drops=drops)
 
     def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
-        """Return the recorded sweep as beams x columns, with drops."""
         grid = self._log.sweep_grid(lidar, frame)
         return replace(
             grid,

@@ -103,7 +103,6 @@ class ActorPath:
 
     @property
     def length_m(self) -> float:
-        """Arc length of the end."""
         return float(self.s_m[-1])
 
     @cached_property

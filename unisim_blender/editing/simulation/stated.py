@@ -17,12 +17,13 @@ from typing import Any
 from ...core.errors import UnisimError
 from ...core.scenario import scenario_from_json, scenario_to_json
 from ...core.scenario.edit import Edit
+from ...core.scenario.json_schema import Schema
 from ...core.scenario.schema import first_fault
 from ...core.scenario.simulation import OTHER_ACTORS, SimulationSpec
 from ...core.scenario.times import recording_us
 from ...core.scenario.types import Outputs, Scenario
 from ...core.simulation.actors import models as _registers_them  # noqa: F401
-from ...core.simulation.actors.model import MODELS, Model, Schema, model_from_dict, model_schema
+from ...core.simulation.actors.model import MODELS, Model, model_from_dict, model_schema
 from ...core.world.captures import US_PER_SECOND
 from ...core.world.drive import Drive
 from ..texts import translatable

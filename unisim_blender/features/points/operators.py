@@ -29,9 +29,8 @@ from ...editing.sensors.sweeps import (
 )
 from ...preferences import device, interpreter
 from ...process.client import Client, Request, client, progress_line
-from ...registering import add, take_away
 from ...translations import localized
-from ..operator_bases import Needing, reporting
+from ..operator_bases import Editing, reporting
 
 POLL_S = 0.1
 EDIT_S = 0.4
@@ -182,12 +181,10 @@ def update(scene: bpy.types.Scene) -> None:
         asked.clear()
 
 
-class UNISIM_OT_show_points(Needing, bpy.types.Operator):
+class UNISIM_OT_show_points(Editing, bpy.types.Operator):
     """Show recorded LiDAR points, simulated LiDAR points, or both, and on request beams that did not return"""
 
-    bl_idname = "unisim.show_points"
     bl_label = "Show LiDAR Points"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (drive,)
 
     recorded: bpy.props.BoolProperty(name="Recorded", description="Show recorded points", default=True)
@@ -200,7 +197,6 @@ class UNISIM_OT_show_points(Needing, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Set the scene's switches and show."""
         scene = context.scene
         about = scene.unisim
         about.show_recorded, about.show_simulated, about.show_drops = self.recorded, self.simulated, self.drops
@@ -210,19 +206,12 @@ class UNISIM_OT_show_points(Needing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (UNISIM_OT_show_points,)
 HANDLERS = (("frame_change_post", follow), ("depsgraph_update_post", follow_edits))
 TIMERS = (gather, ask_again, show_read)
 
 
-def register() -> None:
-    """Add the operator."""
-    add(CLASSES)
-
-
 def unregister() -> None:
-    """Take it away."""
+    """Forget what was asked for."""
     waiting.clear()
     asked.clear()
     reading.clear()
-    take_away(CLASSES)

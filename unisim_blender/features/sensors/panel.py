@@ -4,12 +4,10 @@ import bpy
 from bpy.props import IntProperty
 
 from ...bridge.importing.rig_presets import own_presets
-from ...bridge.objects.imported import source_of
+from ...bridge.objects.imported import drive_of
 from ...bridge.views.sensor_facts import KINDS, card_of_sensor, size_of_sensor
 from ...bridge.window import choose
-from ...core.errors import UnisimError
 from ...core.rigs import built_in_rigs
-from ...core.world.drive import Drive
 from ...editing.sensors.names import rate_of
 from ...editing.texts import translatable
 from ...translations import interface, localized
@@ -17,14 +15,6 @@ from ..sidebar import DrivePanel, row_of
 
 WIDE = 330
 """Width of the sidebar from which on rows have the sensors' rates, in pixels at a scale of 1."""
-
-
-def drive_of(scene: bpy.types.Scene) -> Drive | None:
-    """Return the drive of a scene; None where it is not at hand."""
-    try:
-        return source_of(scene).drive
-    except (UnisimError, OSError):
-        return None
 
 
 def active_index(scene: bpy.types.Scene) -> int:
@@ -165,5 +155,4 @@ class UNISIM_PT_sensors(DrivePanel, bpy.types.Panel):
         column.operator("unisim.aim_sensor", icon="ORIENTATION_GIMBAL")
 
 
-CLASSES = (UNISIM_UL_sensors, UNISIM_MT_rig_presets, UNISIM_MT_remove_rig, UNISIM_PT_sensors)
 PROPERTIES = ((bpy.types.Scene, "unisim_sensor_index", IntProperty(get=active_index, set=activate)),)

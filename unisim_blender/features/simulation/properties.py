@@ -285,7 +285,6 @@ def driver_of(scene: bpy.types.Scene) -> str:
     return function if is_function(function) else ""
 
 
-CLASSES = (UniSimModel, UniSimSimulation)
 PROPERTIES = (
     (bpy.types.Object, "unisim_model", PointerProperty(type=UniSimModel)),
     (bpy.types.Scene, "unisim_simulation", PointerProperty(type=UniSimSimulation)),

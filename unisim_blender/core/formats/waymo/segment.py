@@ -38,7 +38,6 @@ class Segment:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """The segment's files of all components."""
         return tuple(self.root.glob(f"*/{self.name}{SUFFIX}"))
 
     def has(self, component: str) -> bool:

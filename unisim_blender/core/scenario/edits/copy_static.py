@@ -8,7 +8,6 @@ from ...world.drive import Drive, StaticCopy
 from ..checks import fail
 from ..context import EditContext, box_of, check_box
 from ..edit import Edit, register
-from ..json_schema import TEXT, ref
 from ..motion.placement import Placement, check_rotation, pose_of
 from ..types import Scenario
 
@@ -19,7 +18,6 @@ class CopyStatic(Edit):
     """What stands in the box stands also at the target."""
 
     type = "copy_static"
-    members = {"box": TEXT, "id": TEXT, "target": ref("placement")}
     seen_by = "static_items"
 
     box: str

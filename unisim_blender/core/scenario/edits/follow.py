@@ -9,7 +9,7 @@ from ...world.drive import Actor, Drive
 from ..checks import require
 from ..context import EditContext, current
 from ..edit import register
-from ..json_schema import NOT_NEGATIVE, TEXT
+from ..json_schema import NotNegative
 from ..motion.maneuvers import DrivenPath, Maneuver, frame_times, throughout
 from ..types import Scenario
 
@@ -20,11 +20,10 @@ class Follow(Maneuver):
     """The actor follows a leader on its path as Newell's drivers do (2002): so much later, and a gap behind its rear."""
 
     type = "follow"
-    members = {"actor": TEXT, "leader": TEXT, "gap_s": NOT_NEGATIVE, "gap_m": NOT_NEGATIVE}
 
     leader: str
-    gap_s: float
-    gap_m: float
+    gap_s: NotNegative
+    gap_m: NotNegative
 
     def check(self, scenario: Scenario, place: str) -> None:
         require(self.leader != self.actor, f"{place}.leader", f'"{self.actor}" cannot follow itself')

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from ...world.drive import Drive
 from ..context import EditContext, current
 from ..edit import Edit, register
-from ..json_schema import TEXT
 
 
 @register
@@ -16,7 +15,6 @@ class Remove(Edit):
     """The actor is not there."""
 
     type = "remove"
-    members = {"actor": TEXT}
     seen_by = "actors"
 
     actor: str

@@ -12,7 +12,6 @@ from ...world.drive import Drive
 from ..checks import fail, require
 from ..context import EditContext, current, with_actor
 from ..edit import Edit, register
-from ..json_schema import TEXT, VECTOR
 from ..types import Scenario
 
 SIZE_FACTOR_BOUNDS = 0.1, 10.0
@@ -32,7 +31,6 @@ class Scale(Edit):
     factors of 0.1 to 10."""
 
     type = "scale"
-    members = {"actor": TEXT, "factors": VECTOR}
     seen_by = "actors"
 
     actor: str

@@ -140,7 +140,6 @@ class GpuBackend(CompiledBackend):
         super().__init__(scene.scene, quality, {name: other.scene for name, other in (others or {}).items()})
 
     def bind(self, state: WorldState) -> CompiledTracer:
-        """See `tracer.Backend`."""
         return GpuTracer(self, state)
 
 

@@ -158,17 +158,14 @@ class CompiledBackend:
 
     @property
     def observed(self) -> Observed:
-        """See `observed_space.Observing`."""
         return self.scene.header, self.scene.observed, self.scene.config.voxel_m
 
     def within(self, space: ObservedSpace, clip: bool) -> CompiledBackend:
-        """See `observed_space.Observing`."""
         other = copy.copy(self)
         other.space, other.clipped = space, clip
         return other
 
     def bind(self, state: WorldState) -> CompiledTracer:
-        """See `tracer.Backend`."""
         return CompiledTracer(self, state)
 
     def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
@@ -201,7 +198,6 @@ class CompiledTracer:
     def trace(
         self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats
     ) -> TraceResult[Array]:
-        """See `tracer.Tracer`."""
         order = tiled(rays.time_s.shape)
         # a list keeps its own order, and its parts need no copies
         listed, flat = rays.time_s.ndim < 2, rays.flat().sound()
@@ -311,7 +307,6 @@ class CompiledTracer:
     def image(
         self, traced: TraceResult[Array], directions: FloatArray, camera_id: str, shape: tuple[int, ...]
     ) -> Array:
-        """See `tracer.Tracer`."""
         cells = sound_directions(directions).reshape(*shape, 3)
 
         def decoded(scene: CompiledScene, feature: Array) -> Array:
@@ -329,7 +324,6 @@ class CompiledTracer:
         return rgb
 
     def returns(self, traced: TraceResult[Array], directions: FloatArray) -> tuple[Array, Array]:
-        """See `tracer.Tracer`."""
         directions = sound_directions(directions)
         intensity, logit = self.scene.decoder.returns(traced.feature, directions, traced.depth_m, traced.opacity)
         for i, foreign in enumerate(self._foreign):
@@ -341,7 +335,6 @@ class CompiledTracer:
         return intensity, sigmoid(logit) * (traced.opacity > 0.5)
 
     def heights(self, points: FloatArray) -> FloatArray:
-        """See `tracer.Tracer`."""
         return self.scene.height_above_ground(points)
 
 

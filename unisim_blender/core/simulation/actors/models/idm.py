@@ -5,25 +5,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from typing import Annotated
 
+from ....scenario.json_schema import SchemaOf
 from ....world.actor_path import ActorPath, joined
 from ....world.captures import US_PER_SECOND
 from ....world.drive import Actor
 from ...states import ActorState, Traffic, actor_footprint
 from ..follow import IdmParameters, PathProgress, advanced, search_of
 from ..lead import Lead, touching
-from ..model import ACCELERATION, ActorMotion, Answer, Model, Pending, Schema, after, register
+from ..model import Acceleration, ActorMotion, Answer, Model, Pending, after, register
 from ..recording import Recording
 from .replay import Replay
 
-DRIVER: dict[str, Schema] = {
-    "headway_s": {"type": "number", "minimum": 0, "maximum": 20},
-    "gap_m": {"type": "number", "exclusiveMinimum": 0, "maximum": 100},
-    "acceleration_m_s2": ACCELERATION,
-    "braking_m_s2": ACCELERATION,
-    "exponent": {"type": "number", "minimum": 1, "maximum": 20},
-}
-"""Members of every model that follows by the Intelligent Driver Model."""
 SAME_M, SAME_TURN = 1e-6, 1 - 1e-12
 """An actor so near to a place is there: the second is the cosine of half an angle."""
 RETURN_M = 5.0
@@ -59,13 +53,12 @@ class Idm(Model):
     """
 
     type = "idm"
-    members = DRIVER
 
-    headway_s: float = 1.5
-    gap_m: float = 1.0
-    acceleration_m_s2: float = 1.0
-    braking_m_s2: float = 2.0
-    exponent: float = 4.0
+    headway_s: Annotated[float, SchemaOf({"type": "number", "minimum": 0, "maximum": 20})] = 1.5
+    gap_m: Annotated[float, SchemaOf({"type": "number", "exclusiveMinimum": 0, "maximum": 100})] = 1.0
+    acceleration_m_s2: Acceleration = 1.0
+    braking_m_s2: Acceleration = 2.0
+    exponent: Annotated[float, SchemaOf({"type": "number", "minimum": 1, "maximum": 20})] = 4.0
 
     @cached_property
     def driver(self) -> IdmParameters:
@@ -78,7 +71,6 @@ class Idm(Model):
         return ActorMotion(world.state(actor.uid, time_us), RecordedMemory(world))
 
     def answer(self, actor: Actor, motion: ActorMotion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
-        """Return the state after a step by the driver model."""
         memory = motion.memory
         if isinstance(memory, FollowingMemory):
             return self.follow(actor, memory, time_us, step_us)

@@ -20,7 +20,6 @@ class Lane(Auto):
     straight on."""
 
     type = "lane"
-    members = Auto.members
 
     def path_of(self, actor: Actor, world: Recording) -> ActorPath | None:
         return world.continued(actor.uid)
