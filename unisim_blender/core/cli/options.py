@@ -59,7 +59,7 @@ def render_options(
         "renderer": click.option("--renderer", help=renderer, **kind),
         "scene": click.option("--scene", type=SourceParam(), help=f"A trained scene, in place of {scene or owner}."),
         "device": click.option(
-            "--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is."
+            "--device", default="cpu", show_default=True, help="cpu, cuda, cuda:1, mps, or auto for the best there is."
         ),
     }
     shared = {name: option for name, option in every.items() if name not in without}
