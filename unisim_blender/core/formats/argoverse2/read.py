@@ -105,7 +105,6 @@ class Argoverse2Log(FileLog):
         return f"intrinsics.feather gives {camera}"
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
-        """The recorded returns."""
         return self._read_sweep(lidar, frame)[0]
 
     def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
