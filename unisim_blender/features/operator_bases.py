@@ -69,11 +69,11 @@ class Needing:
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Return whether all needs are met."""
-        return allowed(cls, *(need(context) for need in cls.needs))
+        return all(allowed(cls, need(context)) for need in cls.needs)
 
 
 class Editing(Needing):
-    """Base of operators that edit the drive, each one undo step."""
+    """Base of operators that change the file, each one undo step."""
 
     bl_options = {"REGISTER", "UNDO"}
 
@@ -130,7 +130,6 @@ class InSteps:
         return {"RUNNING_MODAL"}
 
     def modal(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Some more steps."""
         if event.type == "ESC" and event.value == "PRESS":
             self.ended(context)
             self.stopped(context, False)
@@ -168,7 +167,6 @@ class AtOnce(InSteps):
     """Such an operator that begins when its button is pressed, without a question."""
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Begin."""
         return self.in_steps(context)
 
 

@@ -134,7 +134,6 @@ class UNISIM_OT_stop_preparation(bpy.types.Operator):
         return allowed(cls, (PREPARATION.active and not playing, "No images are being prepared"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Cancel, and draw the views again."""
         PREPARATION.end()
         PREPARATION.stopped = True
         run_soon(watch, POLL_S)
@@ -149,7 +148,6 @@ class UNISIM_OT_resume_preparation(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """It has to be stopped, or failed."""
         stopped = PREPARATION.stopped or bool(PREPARATION.problem)
         return allowed(cls, (stopped, "The preparation of images was not stopped"))
 

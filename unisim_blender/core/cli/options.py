@@ -49,7 +49,7 @@ def render_options(
         click.option("--renderer", help=renderer, **kind),
         click.option("--scene", type=SourceParam(), help=f"A trained scene, in place of {scene or owner}."),
         click.option(
-            "--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is."
+            "--device", default="cpu", show_default=True, help="cpu, cuda, cuda:1, mps, or auto for the best there is."
         ),
     )
 

@@ -94,7 +94,6 @@ class UNISIM_GT_timeline(bpy.types.Gizmo):
         return {"RUNNING_MODAL"}
 
     def exit(self, context: bpy.types.Context, cancel: bool) -> None:
-        """Nothing is to be put back."""
         self.timeline = None
 
 
@@ -119,11 +118,9 @@ class UNISIM_GGT_timeline(bpy.types.GizmoGroup):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """The timeline has to be drawn."""
         return shown(context)
 
     def setup(self, context: bpy.types.Context) -> None:
-        """One gizmo, as large as the timeline."""
         gizmo = self.gizmos.new(UNISIM_GT_timeline.bl_idname)
         gizmo.use_draw_modal = True
 
@@ -138,7 +135,6 @@ class UNISIM_OT_scroll_timeline(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """The timeline has to be drawn."""
         return shown(context)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:

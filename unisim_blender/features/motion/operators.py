@@ -22,7 +22,7 @@ from ...editing.motion.retiming import Retiming, followed, followed_briefly, lat
 from ...editing.sampled.clock import Clock
 from ...editing.texts import UPPER, cased, series
 from ...translations import localized, message
-from ..operator_bases import Needing, draw_split, in_m_s, in_m_s2, in_metres, in_seconds, reporting
+from ..operator_bases import Editing, Needing, draw_split, in_m_s, in_m_s2, in_metres, in_seconds, reporting
 
 BRAKING = (
     ("COMFORTABLE", "Comfortable", "As actors of this class brake ordinarily"),
@@ -138,11 +138,10 @@ class UNISIM_OT_follow_curve(FromTime, Braking, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_snap_to_ground(Needing, bpy.types.Operator):
+class UNISIM_OT_snap_to_ground(Editing, bpy.types.Operator):
     """Place the selected actors and static items on the ground below them, at the current frame"""
 
     bl_label = "Snap to Ground"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor or a static item first", "ACTOR", "STATIC"))
 
     @reporting
@@ -255,11 +254,10 @@ class UNISIM_OT_retime_actor(FromTime, Braking, Needing, bpy.types.Operator):
         return 0.0 if change is None else change.hardest_m_s2
 
 
-class UNISIM_OT_shift_actor(Needing, bpy.types.Operator):
+class UNISIM_OT_shift_actor(Editing, bpy.types.Operator):
     """Shift the selected actors sideways, along the path of their trajectory and in time, alike at every time"""
 
     bl_label = "Shift Actor"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor first", "ACTOR"))
 
     left_m: in_metres(

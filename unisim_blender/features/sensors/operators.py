@@ -15,7 +15,7 @@ from ...core.sensors.beam_tables import BEAM_TABLES
 from ...core.world.drive import CameraModel, LidarModel
 from ...editing.sensors.mounts import lidar_json, own_table
 from ...translations import message
-from ..operator_bases import Needing, reporting
+from ..operator_bases import Editing, Needing, reporting
 
 OWN = "OWN"
 OWN_TABLE = "15, 10, 5, 2, 0, -2, -4, -7, -10, -15"
@@ -67,7 +67,6 @@ class UNISIM_OT_look_through(_OfSensor, bpy.types.Operator):
     bl_label = "Look Through Camera"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Make it the active camera, and show what it sees in this 3D view."""
         camera = self.sensor(context)
         if camera is None or camera.type != "CAMERA":
             return {"CANCELLED"}
@@ -86,7 +85,6 @@ class UNISIM_OT_show_sensor(_OfSensor, bpy.types.Operator):
     bl_label = "Show or Hide Sensor"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Turn it over."""
         sensor = self.sensor(context)
         if sensor is None:
             return {"CANCELLED"}
@@ -142,7 +140,6 @@ class _Beams:
     )
 
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for one's own table."""
         return context.window_manager.invoke_props_dialog(self) if self.preset == OWN else self.execute(context)
 
     def draw(self: Any, context: bpy.types.Context) -> None:
@@ -176,17 +173,15 @@ class UNISIM_OT_add_lidar(_OnVehicle, _Beams, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """With the maker's beam table, or one's own."""
         name = "lidar" if self.preset == OWN else self.preset
         put_on_vehicle(context, name, self.table(), Matrix.Translation(self.mount))
         return {"FINISHED"}
 
 
-class UNISIM_OT_set_beams(Needing, _Beams, bpy.types.Operator):
+class UNISIM_OT_set_beams(Editing, _Beams, bpy.types.Operator):
     """Change the beam table of the selected LiDARs"""
 
     bl_label = "Change Beams"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select a LiDAR first", "LIDAR"))
 
     @reporting

@@ -25,11 +25,6 @@ def active_index(scene: bpy.types.Scene) -> int:
     return next((i for i, obj in enumerate(scene.objects) if obj == active), -1)
 
 
-def activate(scene: bpy.types.Scene, index: int) -> None:
-    """Select the sensor that was clicked in the list."""
-    choose(bpy.context, scene.objects[index])
-
-
 class UNISIM_UL_sensors(bpy.types.UIList):
     """Cameras and LiDARs of the drive; a click selects"""
 
@@ -88,7 +83,6 @@ class UNISIM_MT_rig_presets(bpy.types.Menu):
     bl_description = "Put a rig on the vehicle: built-in ones, which approximate public data sets, and your own"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw all presets by their files' names."""
         layout = self.layout
         built_in = translatable("Built-in"), translatable("Built-in: none yet"), built_in_rigs()
         own = translatable("Own"), translatable("Own: none yet"), own_presets()
@@ -107,7 +101,6 @@ class UNISIM_MT_remove_rig(bpy.types.Menu):
     bl_description = "Delete one of your own rig presets"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw one's own presets."""
         self.layout.operator_context = "INVOKE_DEFAULT"
         files = own_presets()
         for path in files:
@@ -155,4 +148,10 @@ class UNISIM_PT_sensors(DrivePanel, bpy.types.Panel):
         column.operator("unisim.aim_sensor", icon="ORIENTATION_GIMBAL")
 
 
-PROPERTIES = ((bpy.types.Scene, "unisim_sensor_index", IntProperty(get=active_index, set=activate)),)
+PROPERTIES = (
+    (
+        bpy.types.Scene,
+        "unisim_sensor_index",
+        IntProperty(get=active_index, set=lambda scene, index: choose(bpy.context, scene.objects[index])),
+    ),
+)

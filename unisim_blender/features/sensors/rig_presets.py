@@ -22,7 +22,7 @@ from ...core.rigs import read_rig, write_rig
 from ...editing.sensors.names import rig_contents
 from ...editing.texts import translatable
 from ...translations import localized, message
-from ..operator_bases import Needing, reporting
+from ..operator_bases import Editing, Needing, reporting
 
 MODES = (
     (
@@ -40,11 +40,10 @@ def hidden(context: bpy.types.Context) -> Need:
     return drive is not None and hidden_sensors(context.scene, drive), "All recorded sensors are there"
 
 
-class UNISIM_OT_apply_rig(Needing, bpy.types.Operator):
+class UNISIM_OT_apply_rig(Editing, bpy.types.Operator):
     """Put a rig preset's cameras and LiDARs on the vehicle"""
 
     bl_label = "Apply Rig Preset"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle)
 
     filepath: StringProperty(name="File", subtype="FILE_PATH", options={"HIDDEN", "SKIP_SAVE"})
@@ -101,7 +100,6 @@ class UNISIM_OT_save_rig(Needing, bpy.types.Operator):
     )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for a name."""
         return context.window_manager.invoke_props_dialog(self)
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -114,7 +112,6 @@ class UNISIM_OT_save_rig(Needing, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Write the file."""
         path = preset_file(self.name)
         if path.exists() and not self.overwrite:
             raise UnisimError(message("{path}: is there already: choose another name, or replace it", path=path))
@@ -142,7 +139,6 @@ class UNISIM_OT_remove_rig(bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Delete the file, if it is a preset of one's own."""
         path = Path(self.filepath)
         if path not in own_presets():
             raise UnisimError(message("{path}: is no rig preset in Blender's presets folders", path=path))
@@ -162,15 +158,13 @@ class UNISIM_OT_rig_folder(bpy.types.Operator):
     bl_options = {"REGISTER"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Show it in the system's file browser."""
         return set(bpy.ops.wm.path_open(filepath=str(users_folder())))
 
 
-class UNISIM_OT_restore_sensors(Needing, bpy.types.Operator):
+class UNISIM_OT_restore_sensors(Editing, bpy.types.Operator):
     """Show recorded sensors again that a rig preset has hidden, and make those anew that were deleted"""
 
     bl_label = "Restore Recorded Sensors"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle, hidden)
 
     @reporting

@@ -70,7 +70,6 @@ class UNISIM_PT_random_starts(DrivePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the limits of the ego vehicle's start and of the actors'."""
         column = settings_column(self.layout)
         for name in ("jitter_along", "jitter_aside", "jitter_yaw", "jitter_speed", "jitter_actors"):
             column.prop(context.scene.unisim_simulation, name)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from ... import cuda_driver
 from ...errors import UnisimError
 from ...executors import EXECUTORS
 from ...export.formats import check_sequence_formats, write_sequence
@@ -59,7 +60,7 @@ MOST_JOBS = 8
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
-    help=f"Processes, of one thread each. [default: one a core, at most {MOST_JOBS}]",
+    help=f"Processes, of one thread each. [default: one a GPU, or a core, at most {MOST_JOBS}]",
 )
 @click.option(
     "--executor",
@@ -120,7 +121,7 @@ def command(
         report = render_sequence(
             plan,
             out,
-            jobs or default_jobs(),
+            jobs or default_jobs(options.device),
             resume,
             on_moment=lambda key: bar.update(),
             on_reused=bar.update,
@@ -148,6 +149,8 @@ def pass_names(text: str | None) -> tuple[str, ...] | None:
     return names and tuple(FORMER_PASSES.get(name, name) for name in names)
 
 
-def default_jobs() -> int:
-    """One process a core, within reason."""
+def default_jobs(device: str) -> int:
+    """One process a GPU, or a core, within reason."""
+    if device.startswith("cuda"):
+        return 1 if ":" in device else max(1, cuda_driver.count())
     return min(os.cpu_count() or 1, MOST_JOBS)

@@ -32,7 +32,9 @@ from ...render.quality import QUALITIES
     "--quality", type=click.Choice(list(QUALITIES)), help="Samples per ray. [default: the scenarios', or balanced]"
 )
 @click.option("--renderer", metavar="NAME", help="As of `unisim render`.")
-@click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
+@click.option(
+    "--device", default="cpu", show_default=True, help="cpu, cuda, cuda:1, mps, or auto for the best there is."
+)
 def command(
     scenes: tuple[Path, ...],
     host: str,
