@@ -11,7 +11,7 @@ import numpy as np
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray, invert_pose
 from ...core.world.drive import Camera, Drive, Lidar, LidarModel
-from ...core.world.drive_json import lidar_model_to_json
+from ...core.world.drive_json import arrays_to_json
 from ..sampled.clock import Clock
 from ..sampled.scene import optical
 
@@ -37,7 +37,7 @@ def lag(sensor: Camera | Lidar | None, drive: Drive, clock: Clock) -> FloatArray
 
 def lidar_json(model: LidarModel) -> str:
     """A beam table as an object carries it."""
-    return json.dumps(lidar_model_to_json(model))
+    return json.dumps(arrays_to_json(model))
 
 
 def lidar_model(text: str) -> LidarModel:

@@ -99,7 +99,6 @@ class NcoreLog(FileLog):
         )
 
     def sweep_frames(self, lidar: str) -> tuple[int, ...]:
-        """Frames of which the LiDAR has a sweep."""
         return tuple(sorted(self._ends[lidar])) if lidar in self.drive.lidars else ()
 
     def image_path(self, camera: str, frame: int) -> Path | None:
