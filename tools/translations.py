@@ -98,6 +98,8 @@ def written_texts() -> Iterator[str]:
                 and isinstance(node.value, ast.Tuple)
             ):
                 yield from (text for text in _constants(node.value.elts[-1]) if " " in text)  # a need of a button
+            elif isinstance(node, ast.Lambda) and isinstance(node.body, ast.Tuple):
+                yield from (text for text in _constants(node.body) if " " in text)
 
 
 def untold() -> Iterator[str]:

@@ -17,6 +17,7 @@ DEVICES = (
 
 SECTIONS: list[Callable[[bpy.types.UILayout, bpy.types.Context], None]] = []
 """What draws the further sections."""
+unregister = SECTIONS.clear
 
 
 class UniSimPreferences(bpy.types.AddonPreferences):
@@ -76,6 +77,3 @@ def default_folder(name: str) -> str:
     """The default folder that the user chose for "logs" or "output", or ""."""
     folder = getattr(_preferences(), f"{name}_folder", "")
     return bpy.path.abspath(folder) if folder else ""
-
-
-CLASSES = (UniSimPreferences,)

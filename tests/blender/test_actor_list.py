@@ -13,9 +13,9 @@ from helpers import SAMPLE, calls, driving_car, imported, read, select
 
 from unisim_blender.bridge.objects.animation import curves_of, keys_of, write_keys
 from unisim_blender.bridge.objects.imported import imported_objects, source_of
-from unisim_blender.bridge.objects.trajectories import keyed_pose, trajectory_of
+from unisim_blender.bridge.objects.trajectories import keyed_pose, keyed_poses, trajectory_of
 from unisim_blender.bridge.views import actors
-from unisim_blender.bridge.views.actors import card_of, poses_of
+from unisim_blender.bridge.views.actors import card_of
 from unisim_blender.bridge.views.trails import compared_now
 from unisim_blender.editing.actors.table import Entry, speed_text
 from unisim_blender.editing.layout.speed_graph import values
@@ -23,7 +23,7 @@ from unisim_blender.editing.motion.kinematics import Limits
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.texts import kmh
 from unisim_blender.features.actor_list import listing
-from unisim_blender.features.actor_list.operators import GROUPS, ORDERS
+from unisim_blender.features.actor_list.operators import GROUPS, ORDERS, turn_to
 from unisim_blender.features.actor_list.panel import UNISIM_UL_actors
 
 
@@ -60,14 +60,21 @@ def test_it_says_what_the_card_says(street: Any) -> None:
             assert row.there == (not one.hide_viewport) and not row.edited
 
 
-def test_poses_of_all_frames_are_those_of_each(street: Any) -> None:
+def evaluated_pose(scene: Any, obj: Any, frame: float) -> Any:
+    scene.frame_set(int(frame), subframe=frame - int(frame))
+    return np.array(obj.matrix_world)
+
+
+def test_keys_tell_poses_of_all_frames_as_blender_evaluates_them(street: Any) -> None:
     one = next(o for o in imported_objects(street, "ACTOR") if o.parent is not None)
     one.location = (0.5, -1.0, 0.0)
     frames = np.array([0.0, 3.0, 3.5, 19.0])
-    assert np.allclose(poses_of(one, frames), [keyed_pose(one, frame) for frame in frames], atol=1e-5)
-    one.rotation_mode = "XYZ"
-    one.rotation_euler = (0.0, 0.0, 0.3)
-    assert np.allclose(poses_of(one, frames), [keyed_pose(one, frame) for frame in frames], atol=1e-5)
+    for mode in ("QUATERNION", "XYZ", "AXIS_ANGLE"):
+        one.rotation_mode = mode
+        one.rotation_euler, one.rotation_axis_angle = (0.0, 0.0, 0.3), (0.4, 0.0, 0.0, 1.0)
+        known = keyed_poses(one, frames)
+        assert np.allclose(known, [evaluated_pose(street, one, frame) for frame in frames], atol=1e-4)
+        assert np.allclose(keyed_pose(one, 3.5), known[2])
 
 
 def test_only_what_the_scenario_names_is_edited(street: Any) -> None:
@@ -251,3 +258,16 @@ def test_card_list_and_graph_say_the_same_speed(street: Any) -> None:
         card = card_of(street, one, drive)
         assert card.speed_m_s == pytest.approx(entry.speed_m_s, abs=1e-4)
         assert kmh(card.speed_m_s) == f"{speed_text(entry)} km/h" == values(graph, frame)[1][0]
+
+
+def test_a_view_that_leaves_its_camera_for_an_actor_is_25_m_away(street: Any) -> None:
+    car = driving_car(street)
+    street.camera = None  # which has nothing in its image
+    looks = SimpleNamespace(view_perspective="CAMERA", view_rotation=None, view_distance=3.0, view_location=None)
+    area = SimpleNamespace(type="VIEW_3D", spaces=SimpleNamespace(active=SimpleNamespace(region_3d=looks)))
+    context: Any = SimpleNamespace(area=area, scene=street)
+    turn_to(context, car)
+    assert (looks.view_perspective, looks.view_distance) == ("PERSP", 25.0)
+    looks.view_distance = 80.0
+    turn_to(context, car)
+    assert looks.view_distance == 60.0 and tuple(looks.view_location) == tuple(car.matrix_world.translation)

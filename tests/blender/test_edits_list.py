@@ -20,8 +20,9 @@ from unisim_blender.bridge.sampling.stepping import sample_all, shown_names
 from unisim_blender.editing.edits.lines import EditLine
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.scene import same
+from unisim_blender.editing.texts import wrapped
 from unisim_blender.features.edits import watch as edit_watch
-from unisim_blender.features.edits.panel import LineWidth, draw_line
+from unisim_blender.features.edits.panel import draw_line
 
 
 def test_an_imported_drive_has_no_edits(street: Any) -> None:
@@ -287,7 +288,7 @@ def test_an_object_deleted_while_the_list_is_read(street: Any) -> None:
     assert {line.part for line in reading_of(street).lines} == {"MOVE", "REMOVE"}
 
 
-def drawn_rows(line: EditLine, room: LineWidth) -> list[tuple[str, str]]:
+def drawn_rows(line: EditLine, beside: float, below: float) -> list[tuple[str, str]]:
     """What an edit's rows show: kind of the row's first element and its text."""
     rows: list[tuple[str, str]] = []
 
@@ -306,7 +307,7 @@ def drawn_rows(line: EditLine, room: LineWidth) -> list[tuple[str, str]]:
             rows.extend([("button", text)] if text else [])
             return self
 
-    draw_line(Layout(), line, room)
+    draw_line(Layout(), line, lambda text, buttons=0.0: wrapped(text, beside if buttons else below, below, len))
     return rows
 
 
@@ -316,14 +317,13 @@ SENSOR = "front_left_camera_of_the_second_vehicle_in_the_garage"
 
 def test_a_line_that_is_too_long_goes_on_in_the_next_row() -> None:
     line = EditLine("CAMERA", SENSOR, "SENSOR", LONG, SENSOR, SENSOR, 0.0, 1.9, (0, 19))
-    room = LineWidth(24.0, 30.0, lambda text: float(len(text)))
-    (kind, first), *rest = drawn_rows(line, room)
+    (kind, first), *rest = drawn_rows(line, 24.0, 30.0)
     assert kind == "button" and len(first) <= 24 and all(kind == "label" and len(text) <= 30 for kind, text in rest)
     texts = [text for _, text in rest]
     whose = next(i for i, text in enumerate(texts) if text.startswith("front_left"))
     assert " ".join([first, *texts[:whose]]) == LONG
     assert "".join(texts[whose:]).replace(" ", "") == f"{SENSOR}, 0.0 to 1.9 s".replace(" ", "")
-    assert drawn_rows(line, LineWidth(200.0, 200.0, room.width_of)) == [
+    assert drawn_rows(line, 200.0, 200.0) == [
         ("button", LONG),
         ("label", f"{SENSOR}, 0.0 to 1.9 s"),
     ]
@@ -331,6 +331,5 @@ def test_a_line_that_is_too_long_goes_on_in_the_next_row() -> None:
 
 def test_what_cannot_be_read_is_told_whole() -> None:
     line = EditLine("", "", "PROBLEM", LONG, SENSOR, "", 0.0, 0.0, (0,))
-    assert "".join(text for _, text in drawn_rows(line, LineWidth(20.0, 22.0, lambda text: float(len(text))))).replace(
-        " ", ""
-    ) == (f"{LONG}{SENSOR}".replace(" ", ""))
+    text = "".join(text for _, text in drawn_rows(line, 20.0, 22.0))
+    assert text.replace(" ", "") == f"{LONG}{SENSOR}".replace(" ", "")

@@ -24,6 +24,7 @@ from unisim_blender.editing.sensors.mounts import angles
 from unisim_blender.features.motion import gizmos
 from unisim_blender.features.motion.drag import TARGET_M, target_of
 from unisim_blender.operators import menus
+from unisim_blender.registering import classes_of
 
 RIG, FREE = "CAMERA", "PERSP"
 
@@ -46,7 +47,8 @@ def seen_from(scene: Any, perspective: str = FREE, **space: Any) -> Any:
 def shown(scene: Any, **how: Any) -> list[str]:
     """Which groups of gizmos a view shows."""
     context = seen_from(scene, **how)
-    return [group.bl_label for group in gizmos.GROUPS if group.poll(context)]
+    groups = [cls for cls in classes_of(gizmos) if issubclass(cls, bpy.types.GizmoGroup)]
+    return [group.bl_label for group in groups if group.poll(context)]
 
 
 def world_offset(scene: Any, one: Any, before: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ import pytest
 
 from unisim_blender.features.drive import properties as properties_
 from unisim_blender.operators import documentation
+from unisim_blender.registering import classes_of
 
 ROOT = Path(__file__).parents[2]
 
@@ -48,7 +49,7 @@ def ours() -> list[str]:
             f"bpy.ops.unisim.{name}",
             *(f"bpy.ops.unisim.{name}.{p}" for p in properties.keys() if p != "rna_type"),
         ]
-    for group in properties_.CLASSES:
+    for group in classes_of(properties_):
         names += [f"bpy.types.{group.__name__}.{name}" for name in group.bl_rna.properties.keys()]
     names += [f"bpy.types.{name}" for name in dir(bpy.types) if name.startswith("UNISIM_PT")]
     return [*names, "bpy.types.UniSimPreferences.interpreter", "bpy.types.Scene.unisim"]

@@ -45,6 +45,7 @@ from unisim_blender.features.simulation.overlay import lines_now
 from unisim_blender.features.simulation.panel import rows_of
 from unisim_blender.features.simulation.properties import driver_of
 from unisim_blender.process import background
+from unisim_blender.registering import classes_of
 
 SIMULATION = {
     "start_s": 0.2, "duration_s": 0.5, "step_s": 0.1, "delay_s": 0.1, "seed": 7,
@@ -324,7 +325,7 @@ def test_a_view_never_draws_a_rollout_with_another_engine(street: Any, rolled: P
 def steps_of(folder: Path) -> Any:
     """What the operator's steps need of it."""
     own = SimpleNamespace(filepath="", directory=str(folder), timer=None, report=lambda *_: None)
-    for name in ("run", "parts", "bring_in", "bring_in_edited"):
+    for name in ("parts", "bring_in", "bring_in_edited"):
         setattr(own, name, getattr(UNISIM_OT_open_rollout, name).__get__(own))
     return own
 
@@ -529,8 +530,7 @@ class Noted:
 def drawn_panels() -> list[str]:
     """What the panel Simulate and the panels in it show."""
     found: list[str] = []
-    panels: tuple[Any, ...] = simulation.CLASSES
-    for panel in panels:
+    for panel in classes_of(simulation):
         panel.draw(SimpleNamespace(layout=Noted(found)), bpy.context)
     return found
 

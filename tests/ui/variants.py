@@ -92,9 +92,9 @@ def compared_variants() -> Iterator[float]:
     panel = module("features.variants.panel")
     draw = panel.draw_difference
 
-    def noted(layout: Any, found: Any, here: str, there: str, room: Any) -> None:
+    def noted(layout: Any, found: Any, here: str, there: str) -> None:
         drawn.append((here, there, found.here.key[1]))
-        draw(layout, found, here, there, room)
+        draw(layout, found, here, there)
 
     panel.draw_difference = noted
     try:

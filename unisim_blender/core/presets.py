@@ -1,4 +1,4 @@
-"""Presets by name: what a training does. Each states the method, the model's shapes and the loss; nothing of it is inferred.
+"""Presets by name: what a training does, which is the method, the model's shapes and the loss.
 
 Their order is that of the names in the command line's help and in Blender.
 """
@@ -40,29 +40,50 @@ class LossWeights:
     latent: float = 0.0
 
 
+OUR_WEIGHTS = LossWeights(
+    rgb=3.0,
+    chroma=7.0,
+    perceptual=0.01,
+    lidar_depth=0.05,
+    lidar_reach=0.02,
+    lidar_opacity=0.01,
+    lidar_free=0.05,
+    lidar_intensity=0.1,
+    lidar_drop=0.02,
+    sdf_band=0.1,
+    eikonal=0.0015,
+    normal_smoothness=0.0012,
+    distortion=0.0003,
+    unobserved=0.02,
+    adversarial=0.001,
+    latent=1e-5,
+)
+
+
 @dataclass(frozen=True)
 class Preset:
-    """How a scene is trained, by the name that `unisim train --preset` has for it."""
+    """How a scene is trained, by the name that `unisim train --preset` has for it. The defaults are those of our
+    method."""
 
     name: str
     title: str
     about: str
     """One line for people, without a full stop."""
-    method: str
-    """Whose method it is: "neural" is ours. `scene.json` keeps it, and it is the name of the scene's renderer."""
     model: ModelConfig
-    weights: LossWeights
-    mirrored: float
+    method: str = "neural"
+    """Whose method it is: "neural" is ours. `scene.json` keeps it, and it is the name of the scene's renderer."""
+    weights: LossWeights = OUR_WEIGHTS
+    mirrored: float = 0.1
     """Chance that a step sees a vehicle mirrored. What was never recorded learns from the other side all the same; with
     a half, a lit side and a shaded one would blend."""
-    refines_tracklets: bool
-    refines_cameras: bool
-    ablations: tuple[Ablation, ...]
+    refines_tracklets: bool = True
+    refines_cameras: bool = True
+    ablations: tuple[Ablation, ...] = ("decoder", "actor-prior", "tracklet-refinement")
     """Ablations that can be chosen: parts that training leaves out (`unisim train --without`)."""
-    densities: tuple[SignedDistance, ...]
+    densities: tuple[SignedDistance, ...] = ("logistic", "unisim")
     """Densities that can be chosen in place of the model's own (`--density`)."""
-    can_be_adversarial: bool
-    is_baseline: bool
+    can_be_adversarial: bool = True
+    is_baseline: bool = False
     """Whether it is there to be compared with, and not offered in Blender."""
     uses_lidar: bool = True
 
@@ -84,124 +105,61 @@ def methods() -> tuple[str, ...]:
     return tuple(dict.fromkeys(preset.method for preset in PRESETS.values()))
 
 
-OUR_WEIGHTS = LossWeights(
-    rgb=3.0,
-    chroma=7.0,
-    perceptual=0.01,
-    lidar_depth=0.05,
-    lidar_reach=0.02,
-    lidar_opacity=0.01,
-    lidar_free=0.05,
-    lidar_intensity=0.1,
-    lidar_drop=0.02,
-    sdf_band=0.1,
-    eikonal=0.0015,
-    normal_smoothness=0.0012,
-    distortion=0.0003,
-    unobserved=0.02,
-    adversarial=0.001,
-    latent=1e-5,
+SMALL_SHAPES = ModelConfig(
+    static_grid=GridConfig(3.2, 0.05, 8, 4, 19),
+    background_grid=GridConfig(8, 2048, 8, 4, 17),
+    actor_grid=GridConfig(4, 64, 6, 4, 13),
+    samples=SampleConfig(32, 12, 10, 8, 16, 6),
+    light="ground",
+    decoder_blocks=1,
+    decoder_kernel=1,
+    upsample=1,
 )
-
-
-def ours(name: str, title: str, about: str, model: ModelConfig) -> Preset:
-    """Return a preset of our method with these shapes."""
-    return Preset(
-        name=name,
-        title=title,
-        about=about,
-        method="neural",
-        model=model,
-        weights=OUR_WEIGHTS,
-        mirrored=0.1,
-        refines_tracklets=True,
-        refines_cameras=True,
-        ablations=("decoder", "actor-prior", "tracklet-refinement"),
-        densities=("logistic", "unisim"),
-        can_be_adversarial=True,
-        is_baseline=False,
-    )
-
-
-TINY = register(
-    ours(
-        "tiny",
-        "Tiny",
-        "For tests",
-        ModelConfig(
-            static_grid=GridConfig(3.2, 0.1, 6, 4, 15),
-            background_grid=GridConfig(8, 256, 4, 4, 13),
-            actor_grid=GridConfig(4, 32, 4, 4, 11),
-            samples=SampleConfig(12, 8, 6, 4, 4, 2),
-            light="ground",
-            hidden=32,
-            features=15,
-            latent=16,
-            hyper_hidden=16,
-            decoder_channels=16,
-            decoder_blocks=1,
-        ),
-    )
+TINY_SHAPES = ModelConfig(
+    static_grid=GridConfig(3.2, 0.1, 6, 4, 15),
+    background_grid=GridConfig(8, 256, 4, 4, 13),
+    actor_grid=GridConfig(4, 32, 4, 4, 11),
+    samples=SampleConfig(12, 8, 6, 4, 4, 2),
+    light="ground",
+    hidden=32,
+    features=15,
+    latent=16,
+    hyper_hidden=16,
+    decoder_channels=16,
+    decoder_blocks=1,
 )
-COMPACT = register(
-    ours(
-        "compact",
-        "Compact",
-        "For scenes of a few megabytes",
-        ModelConfig(
-            static_grid=GridConfig(3.2, 0.05, 8, 4, 17),
-            background_grid=GridConfig(8, 1024, 6, 4, 15),
-            actor_grid=GridConfig(4, 48, 5, 4, 12),
-            samples=SampleConfig(32, 12, 10, 8, 16, 6),
-            light="ground",
-            decoder_blocks=1,
-            decoder_kernel=1,
-            upsample=1,
-        ),
-    )
+COMPACT_SHAPES = replace(
+    SMALL_SHAPES,
+    static_grid=GridConfig(3.2, 0.05, 8, 4, 17),
+    background_grid=GridConfig(8, 1024, 6, 4, 15),
+    actor_grid=GridConfig(4, 48, 5, 4, 12),
 )
-SMALL = register(
-    ours(
-        "small",
-        "Small",
-        "For training on two processor cores",
-        ModelConfig(
-            static_grid=GridConfig(3.2, 0.05, 8, 4, 19),
-            background_grid=GridConfig(8, 2048, 8, 4, 17),
-            actor_grid=GridConfig(4, 64, 6, 4, 13),
-            samples=SampleConfig(32, 12, 10, 8, 16, 6),
-            light="ground",
-            decoder_blocks=1,
-            decoder_kernel=1,
-            upsample=1,
-        ),
-    )
+PAPER_SHAPES = ModelConfig(
+    static_grid=GridConfig(7.5, 0.03, 16, 2, 21),
+    background_grid=GridConfig(16, 4096, 16, 2, 19),
+    actor_grid=GridConfig(16, 256, 8, 2, 14),
+    samples=SampleConfig(48, 32, 24, 24, 24, 16),
+    hidden=32,
+    features=32,
+    head="sample",
+    density="unisim",
+    decoder_kernel=7,
+    upsample=3,
 )
 # a ray for nine pixels; with kernels of one pixel rays can be learnt from scattered, which is worth more than
 # looking aside
-HD = register(ours("hd", "HD", "For images that are learnt and rendered 1920 wide", replace(SMALL.model, upsample=3)))
-PAPER = register(
-    ours(
-        "paper",
-        "Paper",
-        "The sizes of the paper's re-implementation, for a GPU",
-        ModelConfig(
-            static_grid=GridConfig(7.5, 0.03, 16, 2, 21),
-            background_grid=GridConfig(16, 4096, 16, 2, 19),
-            actor_grid=GridConfig(16, 256, 8, 2, 14),
-            samples=SampleConfig(48, 32, 24, 24, 24, 16),
-            hidden=32,
-            features=32,
-            head="sample",
-            density="unisim",
-            decoder_kernel=7,
-            upsample=3,
-        ),
-    )
-)
+HD_SHAPES = replace(SMALL_SHAPES, upsample=3)
+for _preset in (
+    Preset("tiny", "Tiny", "For tests", TINY_SHAPES),
+    Preset("compact", "Compact", "For scenes of a few megabytes", COMPACT_SHAPES),
+    Preset("small", "Small", "For training on two processor cores", SMALL_SHAPES),
+    Preset("hd", "HD", "For images that are learnt and rendered 1920 wide", HD_SHAPES),
+    Preset("paper", "Paper", "The sizes of the paper's re-implementation, for a GPU", PAPER_SHAPES),
+):
+    register(_preset)
 
 BASELINE_SHAPES = replace(
-    SMALL.model, samples=SampleConfig(48, 24, 12, 12, 16, 8), light="fixed", colour="sample", density="volume",
+    SMALL_SHAPES, samples=SampleConfig(48, 24, 12, 12, 16, 8), light="fixed", colour="sample", density="volume",
     decoder_kernel=1, upsample=1,
 )  # fmt: skip
 """Shapes of the baselines: those of ``small``, with a density of its own and a colour at every sample."""
@@ -217,34 +175,14 @@ def baseline(name: str, title: str, about: str, model: ModelConfig) -> Preset:
     returns, and nothing of what shapes a signed distance, refines poses or continues what nobody saw.
     """
     return Preset(
-        name=name,
-        title=title,
-        about=about,
-        method=name,
-        model=model,
-        weights=BASELINE_WEIGHTS,
-        mirrored=0.0,
-        refines_tracklets=False,
-        refines_cameras=False,
-        ablations=("lidar",),
-        densities=(),
-        can_be_adversarial=False,
-        is_baseline=True,
-    )
+        name, title, about, model, name, BASELINE_WEIGHTS, mirrored=0.0, refines_tracklets=False, refines_cameras=False,
+        ablations=("lidar",), densities=(), can_be_adversarial=False, is_baseline=True,
+    )  # fmt: skip
 
 
-NGP = register(
-    baseline(
-        "ngp",
-        "Instant-NGP",
-        "Baseline: one field for everything, without actors",
-        replace(BASELINE_SHAPES, actors="none"),
-    )
-)
-"""After Instant-NGP (Mueller et al., 2022): one density for everything that is there, moving or not."""
-NSG = register(
-    baseline(
-        "nsg", "Neural Scene Graphs", "Baseline: one network for all actors", replace(BASELINE_SHAPES, actors="latent")
-    )
-)
-"""After Neural Scene Graphs (Ost et al., 2021): a density for what stands still, one conditioned by latents for actors."""
+# after Instant-NGP (Mueller et al., 2022): one density for everything that is there, moving or not
+NGP_SHAPES = replace(BASELINE_SHAPES, actors="none")
+register(baseline("ngp", "Instant-NGP", "Baseline: one field for everything, without actors", NGP_SHAPES))
+# after Neural Scene Graphs (Ost et al., 2021): a density for what stands still, one conditioned by latents for actors
+NSG_SHAPES = replace(BASELINE_SHAPES, actors="latent")
+register(baseline("nsg", "Neural Scene Graphs", "Baseline: one network for all actors", NSG_SHAPES))

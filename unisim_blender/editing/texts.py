@@ -116,6 +116,11 @@ def kmh(speed_m_s: float) -> str:
     return f"{3.6 * speed_m_s:.0f} km/h" if math.isfinite(speed_m_s) else "–"
 
 
+def clock_text(seconds: float) -> str:
+    """Return a duration, "1:05"."""
+    return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"
+
+
 def translatable(template: str) -> str:
     """Return a sentence that a `Text` is made of elsewhere, as it is: the call says that it has to be translated."""
     return template

@@ -14,8 +14,7 @@ from bpy.props import FloatVectorProperty, IntProperty, StringProperty
 from ..bridge.changes.following import dragging
 from ..bridge.objects.imported import source_of
 from ..bridge.sampling.edit_state import edit_state
-from ..bridge.sampling.stepping import sample_all
-from ..bridge.window import choose, drive, redraw
+from ..bridge.window import choose, drive, redraw, run_soon
 from ..core.world.drive import Drive
 from ..editing.motion.kinematics import Limits
 from ..editing.motion.plausibility import Finding, place_of, shadow_note, warnings_of
@@ -23,13 +22,12 @@ from ..editing.motion.retiming import instant_of
 from ..editing.reading.scenario import unreadable_actors
 from ..editing.sampled.clock import Clock
 from ..editing.sampled.scene import Sampled
-from ..editing.texts import UPPER, Text, cased, packed, unpacked, wrapped
-from ..registering import add, take_away
+from ..editing.texts import UPPER, Text, cased, packed, unpacked
 from ..translations import interface, localized, message
 from .drive.export_operators import sampled_in_steps
-from .edits.panel import room_of
 from .motion.properties import limits_of
-from .operator_bases import AtOnce, Needing, in_thread
+from .operator_bases import AtOnce, Editing, in_thread
+from .problems import draw_problem
 from .sidebar import DrivePanel
 
 SETTLE_S = 0.5
@@ -60,8 +58,7 @@ def compare_soon(scene: bpy.types.Scene | None = None, depsgraph: bpy.types.Deps
     """Something changed: have a timer compare."""
     if isinstance(scene, bpy.types.Scene) and not scene.unisim_check.state:
         return
-    if not bpy.app.background and not bpy.app.timers.is_registered(compare):
-        bpy.app.timers.register(compare, first_interval=SETTLE_S, persistent=True)
+    run_soon(compare, SETTLE_S, persistent=True)
 
 
 @persistent
@@ -83,12 +80,10 @@ def findings_of(sampled: Sampled, drive: Drive, limits: Limits, is_trained: bool
     return [*lacking, *warnings_of(readable, drive, limits, is_trained)]
 
 
-class UNISIM_OT_check(Needing, AtOnce, bpy.types.Operator):
+class UNISIM_OT_check(Editing, AtOnce, bpy.types.Operator):
     """List implausible edits: overlaps, sideways or too fast cars, actors off the ground, far or unseen camera views"""
 
-    bl_idname = "unisim.check"
     bl_label = "Check Edits"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (drive,)
 
     def finished(self, context: bpy.types.Context) -> None:
@@ -101,23 +96,15 @@ class UNISIM_OT_check(Needing, AtOnce, bpy.types.Operator):
         source = source_of(scene)
         drive, is_trained = source.drive, source.scene_path is not None
         clock, limits = Clock.of(drive), limits_of(scene)
-        if self.timer is None:
-            sampled = sample_all(scene, clock)
-            warnings = findings_of(sampled, drive, limits, is_trained)
-        else:
-            sampled = yield from sampled_in_steps(scene, clock)
-            warnings = yield from in_thread(lambda: findings_of(sampled, drive, limits, is_trained))
+        sampled = yield from sampled_in_steps(scene, clock)
+        warnings = yield from in_thread(lambda: findings_of(sampled, drive, limits, is_trained))
         note = shadow_note(sampled, drive, is_trained)
         check.shadows.text, check.shadows.text_parts = note, packed(note)
         check.warnings.clear()
         for warning in warnings:
             item = check.warnings.add()
-            item.name, item.frame, item.text, item.text_parts = (
-                warning.name,
-                warning.frame,
-                warning.text,
-                packed(warning.text),
-            )
+            item.name, item.frame = warning.name, warning.frame
+            item.text, item.text_parts = warning.text, packed(warning.text)
             item.time_s, item.place = float(clock.time_s(np.array(float(warning.frame)))), place_of(warning, sampled)
         check.state, check.checked = edit_state(scene), time.strftime("%Y-%m-%d %H:%M")
         _outdated[scene.session_uid] = False
@@ -127,7 +114,6 @@ class UNISIM_OT_check(Needing, AtOnce, bpy.types.Operator):
 class UNISIM_OT_go_to(bpy.types.Operator):
     """Go to the frame of a warning, select its object and show it"""
 
-    bl_idname = "unisim.go_to"
     bl_label = "Go to Warning"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -159,7 +145,6 @@ class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
     tasks = ("EDIT",)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw a line for each finding, which jumps to the place."""
         self.layout.operator("unisim.check", icon="CHECKMARK")
         check, outdated = context.scene.unisim_check, is_outdated(context.scene)
         if not check.state:
@@ -175,34 +160,19 @@ class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
         column = self.layout.column(align=True)
         column.active = not outdated
         if check.shadows.text:
-            room, note = room_of(context), localized(unpacked(check.shadows.text_parts, check.shadows.text))
-            for text in wrapped(note, room.below, room.below, room.width_of):
-                column.label(text=text, translate=False)
+            draw_problem(column, localized(unpacked(check.shadows.text_parts, check.shadows.text)))
         for warning in check.warnings:
             text = f"{localized(instant_of(warning.time_s, warning.frame))}  {warning.name}"
             there = column.operator("unisim.go_to", text=text, translate=False, icon="ERROR")
-            text = localized(cased(unpacked(warning.text_parts, warning.text), UPPER))
-            column.label(text=text, translate=False)
+            column.label(text=localized(cased(unpacked(warning.text_parts, warning.text), UPPER)), translate=False)
             there.object_name, there.frame, there.place = warning.name, warning.frame, warning.place
 
 
-CLASSES = (UNISIM_OT_check, UNISIM_OT_go_to, UNISIM_PT_warnings)
 HANDLERS = (
     ("depsgraph_update_post", compare_soon),
-    ("load_post", compare_all),
-    ("undo_post", compare_all),
-    ("redo_post", compare_all),
+    *((name, compare_all) for name in ("load_post", "undo_post", "redo_post")),
 )
 TIMERS = (compare,)
 
 
-def register() -> None:
-    """Add the operators, and watch for edits."""
-    add(CLASSES)
-    compare_all()
-
-
-def unregister() -> None:
-    """Take them away."""
-    _outdated.clear()
-    take_away(CLASSES)
+register = compare_all

@@ -7,21 +7,19 @@ from ..bridge.changes.motion import displaced_along
 from ..bridge.objects.ego_bodies import make_body, release_body
 from ..bridge.objects.imported import imported_objects
 from ..bridge.objects.meshes import parts
-from ..bridge.window import allowed, choose, chosen, object_mode, refresh, selected, vehicle
+from ..bridge.window import choose, chosen, object_mode, refresh, selected, vehicle
 from ..core.errors import UnisimError
 from ..core.scenario.edits.ego_body import DEFAULT_LABEL
 from ..translations import message
 from .actors.operators import DIRECTIONS, marked_above
-from .operator_bases import Needing, reporting
+from .operator_bases import Editing, reporting
 from .sidebar import DrivePanel, row_of
 
 
-class UNISIM_OT_shift_ego(Needing, bpy.types.Operator):
+class UNISIM_OT_shift_ego(Editing, bpy.types.Operator):
     """Displace the trajectory of the ego vehicle and its sensors to the left or right"""
 
-    bl_idname = "unisim.shift_ego"
     bl_label = "Shift Ego Lane"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle)
 
     left_m: FloatProperty(
@@ -32,12 +30,16 @@ class UNISIM_OT_shift_ego(Needing, bpy.types.Operator):
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Displace its whole trajectory."""
         vehicles = list(imported_objects(context.scene, "EGO"))
         for ego in vehicles:
             displaced_along(ego, (0.0, self.left_m, 0.0))
         refresh(vehicles)
         return {"FINISHED"}
+
+
+def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Return the objects that are the ego vehicle's body."""
+    return [obj for obj in scene.objects if obj.unisim.kind == "BODY"]
 
 
 PLACES = (
@@ -46,12 +48,10 @@ PLACES = (
 )
 
 
-class UNISIM_OT_ego_body(Needing, bpy.types.Operator):
+class UNISIM_OT_ego_body(Editing, bpy.types.Operator):
     """Use the selected mesh objects and their children as the body of the ego vehicle, which sensors on it do not see"""
 
-    bl_idname = "unisim.ego_body"
     bl_label = "Use as Ego Body"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle, selected("Select a mesh object that is not part of the drive yet", "NONE"))
 
     place: EnumProperty(name="Place", description="Where the body goes", items=PLACES)
@@ -82,24 +82,17 @@ class UNISIM_OT_ego_body(Needing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_release_ego_body(bpy.types.Operator):
+class UNISIM_OT_release_ego_body(Editing, bpy.types.Operator):
     """Turn the selected ego bodies, or all if none is selected, back into ordinary objects, which no sensor sees"""
 
-    bl_idname = "unisim.release_ego_body"
     bl_label = "Release Ego Body"
-    bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """There has to be a body."""
-        there = any(obj.unisim.kind == "BODY" for obj in context.scene.objects)
-        return allowed(
-            cls, object_mode(context), (there, "No mesh is the ego vehicle's body: Use as Ego Body makes one")
-        )
+    needs = (
+        object_mode,
+        lambda context: (bodies_of(context.scene), "No mesh is the ego vehicle's body: Use as Ego Body makes one"),
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Take them off the vehicle."""
-        every = [obj for obj in context.scene.objects if obj.unisim.kind == "BODY"]
+        every = bodies_of(context.scene)
         released = [obj for obj in every if obj.select_get()] or every
         for obj in released:
             release_body(obj)
@@ -116,13 +109,8 @@ class UNISIM_PT_ego(DrivePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the operators."""
-        bodies = [obj.name for obj in context.scene.objects if obj.unisim.kind == "BODY"]
         column = self.layout.column(align=True)
-        row_of(column, "Body", ", ".join(bodies), "AUTO")
+        row_of(column, "Body", ", ".join(body.name for body in bodies_of(context.scene)), "AUTO")
         column.operator("unisim.ego_body", icon="MESH_MONKEY")
         column.operator("unisim.release_ego_body", icon="X")
         self.layout.operator("unisim.shift_ego", icon="ARROW_LEFTRIGHT")
-
-
-CLASSES = (UNISIM_OT_shift_ego, UNISIM_OT_ego_body, UNISIM_OT_release_ego_body, UNISIM_PT_ego)

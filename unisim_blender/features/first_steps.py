@@ -6,6 +6,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..bridge.sampling.edit_list import reading_of
+from ..bridge.window import run_soon
 from ..editing.texts import translatable
 from .edits import watch as edit_watch
 from .output.operators import results_of
@@ -32,7 +33,6 @@ class UNISIM_PT_first_steps(Sidebar, bpy.types.Panel):
         return not context.scene.unisim.log or context.scene.unisim.first_steps
 
     def draw_header_preset(self, context: bpy.types.Context) -> None:
-        """Draw what hides the steps."""
         if context.scene.unisim.log:
             self.layout.prop(context.scene.unisim, "first_steps", text="", icon="X", emboss=False)
 
@@ -60,9 +60,9 @@ def done_steps(context: bpy.types.Context) -> set[str]:
     done = done | ({"VIEW"} if shading == "RENDERED" else set())
     done = done | ({"EDIT"} if reading_of(scene).active else set())
     done = done | ({"RENDER"} if scene.name in _rendered or results_of(scene) else set())
-    if done != before and not bpy.app.timers.is_registered(note_steps):
+    if done != before:
         _new[:] = [(scene.name, done)]
-        bpy.app.timers.register(note_steps, first_interval=0.0)  # a panel may not write while it is drawn
+        run_soon(note_steps)  # a panel may not write while it is drawn
     return done
 
 
@@ -85,6 +85,5 @@ def note_render(scene: bpy.types.Scene, *_: object) -> None:
     _rendered.add(scene.name)
 
 
-CLASSES = (UNISIM_PT_first_steps,)
 HANDLERS = (("render_complete", note_render),)
 TIMERS = (note_steps,)

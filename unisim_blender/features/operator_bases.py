@@ -10,6 +10,7 @@ from collections.abc import Callable, Generator, Iterator
 from typing import Any, ClassVar, TypeVar
 
 import bpy
+from bpy.props import FloatProperty
 
 from ..bridge.window import Need, allowed
 from ..core.errors import UnisimError
@@ -37,6 +38,28 @@ def reporting(execute: Callable[[Any, bpy.types.Context], set[str]]) -> Callable
     return reported
 
 
+def _in_unit(unit: str) -> Callable[..., Any]:
+    """Return what makes a number of an operator in a unit of Blender's. ``once``: it is the default again at the next
+    call."""
+
+    def number(name: str, description: str, default: float = 0.0, once: bool = True, **limits: Any) -> Any:
+        options = {"SKIP_SAVE"} if once else {"ANIMATABLE"}
+        return FloatProperty(name=name, description=description, default=default, unit=unit, options=options, **limits)
+
+    return number
+
+
+in_metres, in_seconds, in_m_s, in_m_s2 = map(_in_unit, ("LENGTH", "TIME_ABSOLUTE", "VELOCITY", "ACCELERATION"))
+
+
+def draw_split(operator: Any, *names: str) -> None:
+    """Draw settings of an operator, their names on the left."""
+    layout = operator.layout
+    layout.use_property_split, layout.use_property_decorate = True, False
+    for name in names:
+        layout.prop(operator, name)
+
+
 class Needing:
     """Base of operators that need something: where one of ``needs`` is not met, the button is grey and its tooltip says
     why."""
@@ -46,7 +69,13 @@ class Needing:
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Return whether all needs are met."""
-        return allowed(cls, *(need(context) for need in cls.needs))
+        return all(allowed(cls, need(context)) for need in cls.needs)
+
+
+class Editing(Needing):
+    """Base of operators that change the file, each one undo step."""
+
+    bl_options = {"REGISTER", "UNDO"}
 
 
 def nothing_runs(context: bpy.types.Context) -> Need:
@@ -61,6 +90,8 @@ class InSteps:
 
     timer: Any = None
     """Set while it works in steps."""
+    blocks: ClassVar[bool] = True
+    """Whether the window hears nothing but Esc meanwhile."""
 
     def work(self, context: bpy.types.Context) -> Iterator[str | None]:
         """Yield after each step what the status bar says; None where nothing can be done but wait.
@@ -82,7 +113,7 @@ class InSteps:
             pass
         return {"FINISHED"}
 
-    def ask_for_path(self: Any, context: bpy.types.Context) -> set[str]:
+    def ask_for_path(self: Any, context: bpy.types.Context, event: bpy.types.Event | None = None) -> set[str]:
         """Open the file browser, which then has `execute` work in steps."""
         self.by_hand = True
         context.window_manager.fileselect_add(self)
@@ -99,20 +130,20 @@ class InSteps:
         return {"RUNNING_MODAL"}
 
     def modal(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Some more steps."""
         if event.type == "ESC" and event.value == "PRESS":
             self.ended(context)
             self.stopped(context, False)
             return {"CANCELLED"}
+        idle = {"RUNNING_MODAL"} if self.blocks else {"PASS_THROUGH"}
         if event.type != "TIMER":
-            return {"RUNNING_MODAL"}
+            return idle
         until = time.monotonic() + BUSY_S
         try:
             for said in self.steps:
                 if said is not None and context.workspace is not None:
                     context.workspace.status_text_set(said)
                 if said is None or time.monotonic() > until:
-                    return {"RUNNING_MODAL"}
+                    return idle
         except Exception as fault:
             self.ended(context)
             self.stopped(context, True)
@@ -136,7 +167,6 @@ class AtOnce(InSteps):
     """Such an operator that begins when its button is pressed, without a question."""
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Begin."""
         return self.in_steps(context)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import bpy
@@ -12,8 +13,9 @@ from ..editing.texts import translatable
 from ..process.packages import PACKAGES
 from ..translations import interface
 
-DIALOG_WIDTH, MARGIN, PANEL_MARGIN = 520, 40, 90
-"""Of the dialog, and of what of it and of a panel is not text, in pixels of an ordinary display."""
+DIALOG_WIDTH, MARGIN, PANEL_MARGIN, LEAST_WIDTH = 520, 40, 95, 105
+"""Of the dialog, of what of it and of a panel is not text, and the least that texts in a panel are made to fit, in pixels of an
+ordinary display."""
 
 
 REMEDIES = {
@@ -49,17 +51,27 @@ def problem_button(layout: Any, title: str, text: str, remedy: str, label: str =
 
 def draw_problem(layout: Any, text: str, icon: str = "NONE") -> None:
     """Draw a sentence into a panel, in as many lines as it takes."""
-    region, column = bpy.context.region, layout.column(align=True)
+    draw_rows(layout.column(align=True), panel_rows(text), icon)
+
+
+def panel_rows(text: str, beside: float = 0.0) -> list[str]:
+    """Return a text in rows of a panel's labels, ``beside`` pixels of an ordinary display shorter in the first one."""
+    region = bpy.context.region
     width = region.width / bpy.context.preferences.system.ui_scale if region is not None else DIALOG_WIDTH
-    for line in label_rows(text, width - PANEL_MARGIN):
-        column.label(text=line, translate=False, icon=icon)
+    room = max(width - PANEL_MARGIN, LEAST_WIDTH)
+    return label_rows(text, room, room - beside)
+
+
+def draw_rows(column: Any, rows: Iterable[str], icon: str = "NONE") -> None:
+    """Draw rows of a text, the first with an icon."""
+    for row in rows:
+        column.label(text=row, translate=False, icon=icon)
         icon = "BLANK1" if icon != "NONE" else icon
 
 
 class UNISIM_OT_show_problem(bpy.types.Operator):
     """Show why it failed, and what can be done"""
 
-    bl_idname = "unisim.show_problem"
     bl_label = "Problem"
     bl_options = {"INTERNAL"}
 
@@ -68,15 +80,11 @@ class UNISIM_OT_show_problem(bpy.types.Operator):
     remedy: StringProperty(options={"SKIP_SAVE", "HIDDEN"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Open the dialog."""
         return context.window_manager.invoke_props_dialog(self, width=DIALOG_WIDTH, title=self.title)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the sentence and the buttons."""
         layout = self.layout
-        column = layout.column(align=True)
-        for line in label_rows(self.text, DIALOG_WIDTH - MARGIN):
-            column.label(text=line, translate=False)
+        draw_rows(layout.column(align=True), label_rows(self.text, DIALOG_WIDTH - MARGIN))
         layout.separator()
         layout.operator("unisim.copy_text", text="Copy Message", icon="COPYDOWN").text = self.text
         operator, text, icon = REMEDIES.get(self.remedy, ("", "", "NONE"))
@@ -96,14 +104,12 @@ class UNISIM_OT_show_problem(bpy.types.Operator):
 class UNISIM_OT_copy_text(bpy.types.Operator):
     """Copy the whole message to the clipboard"""
 
-    bl_idname = "unisim.copy_text"
     bl_label = "Copy Message"
     bl_options = {"INTERNAL"}
 
     text: StringProperty(options={"SKIP_SAVE", "HIDDEN"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Copy it."""
         context.window_manager.clipboard = self.text
         return {"FINISHED"}
 
@@ -111,12 +117,7 @@ class UNISIM_OT_copy_text(bpy.types.Operator):
 class UNISIM_OT_show_preferences(bpy.types.Operator):
     """Open the preferences of UniSim: interpreter, optional packages, folders, caches and shortcuts"""
 
-    bl_idname = "unisim.show_preferences"
     bl_label = "UniSim Preferences"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Show them unfolded."""
         return bpy.ops.preferences.addon_show(module=__package__.rpartition(".")[0])
-
-
-CLASSES = (UNISIM_OT_show_problem, UNISIM_OT_copy_text, UNISIM_OT_show_preferences)

@@ -18,9 +18,9 @@ from ..preferences import SECTIONS
 from ..process import interpreters
 from ..process.background import launch, newest
 from ..process.packages import PACKAGES, PackageTask, remove
-from ..registering import add, take_away
 from ..translations import interface, localized, message
 from .operator_bases import AtOnce, Needing, in_thread, nothing_runs, reporting
+from .problems import MARGIN, draw_rows
 from .sidebar import draw_task
 
 POLL_S, MB = 0.3, 1e6
@@ -77,53 +77,44 @@ class _OfPackage(Needing):
 class UNISIM_OT_install_package(_OfPackage, bpy.types.Operator):
     """Download an optional package from the package index with pip, into the folder of this extension, after a question"""
 
-    bl_idname = "unisim.install_package"
     bl_label = "Install Optional Package"
     bl_options = {"REGISTER"}
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask first."""
         return context.window_manager.invoke_props_dialog(self, width=DIALOG_WIDTH, confirm_text="Install")
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw what is downloaded, from where and into what folder; and what forbids it."""
         package, column = PACKAGES[self.package], self.layout.column(align=True)
         asked = interface(
             "Downloads {package} (about {size} MB) from the package index by pip, and installs it into {folder}",
             package=package.name, size=package.size_mb, folder=package.folder,
         )  # fmt: skip
-        for line in label_rows(asked, DIALOG_WIDTH - 40):
-            column.label(text=line, translate=False)
+        draw_rows(column, label_rows(asked, DIALOG_WIDTH - MARGIN))
         if not bpy.app.online_access:
             column.label(text="Blender is not allowed to go online", icon="ERROR")
             column.prop(context.preferences.system, "use_online_access")
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Begin the installation in the background."""
         if not bpy.app.online_access:
             raise UnisimError(message("Blender is not allowed to go online"))
         interpreters.PACKAGES.mkdir(parents=True, exist_ok=True)
         folder = Path(tempfile.mkdtemp(prefix=".installing-", dir=interpreters.PACKAGES))
-        task = PackageTask([], folder, 1.0, package=PACKAGES[self.package])
-        launch(task)
+        launch(PackageTask([], folder, 1.0, package=PACKAGES[self.package]))
         return {"FINISHED"}
 
 
 class UNISIM_OT_remove_package(_OfPackage, bpy.types.Operator):
     """Delete an optional package from the folder of this extension"""
 
-    bl_idname = "unisim.remove_package"
     bl_label = "Remove Optional Package"
     bl_options = {"REGISTER"}
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask first."""
         return context.window_manager.invoke_confirm(self, event)
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Delete its folder."""
         remove(PACKAGES[self.package])
         return {"FINISHED"}
 
@@ -131,32 +122,19 @@ class UNISIM_OT_remove_package(_OfPackage, bpy.types.Operator):
 class UNISIM_OT_clear_cache(Needing, AtOnce, bpy.types.Operator):
     """Delete prepared surfels, thumbnails, copies of inputs and other results that are made again when they are needed"""
 
-    bl_idname = "unisim.clear_cache"
     bl_label = "Clear Caches"
     bl_options = {"REGISTER"}
     needs = (nothing_runs,)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask first."""
         self.by_hand = True
         return context.window_manager.invoke_confirm(self, event, title=self.bl_label, message=self.__doc__ or "")
 
     def work(self, context: bpy.types.Context) -> Iterator[str | None]:
-        """Delete in a thread, and measure again."""
         yield from in_thread(clear_cache)
         measure()
 
 
-CLASSES = (UNISIM_OT_install_package, UNISIM_OT_remove_package, UNISIM_OT_clear_cache)
-
-
 def register() -> None:
-    """Add the operator and the sections."""
-    add(CLASSES)
+    """Add the sections."""
     SECTIONS.extend((draw_packages, draw_caches))
-
-
-def unregister() -> None:
-    """Take them away."""
-    SECTIONS.clear()
-    take_away(CLASSES)

@@ -54,7 +54,6 @@ class UNISIM_PT_tasks(DrivePanel, bpy.types.Panel):
     bl_options = {"HIDE_HEADER"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the tasks as one row."""
         self.layout.row(align=True).prop(context.window_manager, "unisim_panels", expand=True)
 
 
@@ -121,7 +120,6 @@ def draw_task(layout: Any, scene: bpy.types.Scene, *kinds: type[Task]) -> None:
         problem_button(layout, interface(task.title), task.problem, task.remedy, interface("Show Problem"))
 
 
-CLASSES = (UNISIM_PT_tasks,)
 PROPERTIES = (
     (
         bpy.types.WindowManager,

@@ -15,85 +15,52 @@ MANUAL = Path(__file__).resolve().parents[1] / "manual"
 """The folder of the extension's manual; sources that were not built have none."""
 INDEX = "index"
 
-SECTIONS = (
-    ("bpy.ops.unisim.import_*", "import"),
-    ("bpy.ops.unisim.recorded_colours*", "view"),
-    ("bpy.ops.unisim.show_points*", "view"),
-    ("bpy.ops.unisim.test_renderer*", "install"),
-    ("bpy.ops.unisim.check*", "check"),
-    ("bpy.ops.unisim.go_to*", "check"),
-    ("bpy.ops.unisim.train*", "train"),
-    ("bpy.ops.unisim.render_sequence*", "sequences"),
-    ("bpy.ops.unisim.cancel_task*", "sequences"),
-    ("bpy.ops.unisim.open_output*", "sequences"),
-    ("bpy.ops.unisim.play_result*", "sequences"),
-    ("bpy.ops.unisim.export_scenario*", "sequences"),
-    ("bpy.ops.unisim.simulate*", "simulate"),
-    ("bpy.ops.unisim.drive_on*", "simulate"),
-    ("bpy.ops.unisim.open_rollout*", "simulate"),
-    ("bpy.ops.unisim.*model*", "simulate"),
-    ("bpy.ops.unisim.*variant*", "variants"),
-    ("bpy.ops.unisim.*edit*", "edits-list"),
-    ("bpy.ops.unisim.aim_sensor*", "motion"),
-    ("bpy.ops.unisim.*sensor*", "sensors"),
-    ("bpy.ops.unisim.add_*", "sensors"),
-    ("bpy.ops.unisim.set_beams*", "sensors"),
-    ("bpy.ops.unisim.*mesh*", "meshes"),
-    ("bpy.ops.unisim.*ego_body*", "meshes"),
-    ("bpy.ops.unisim.shift_actor*", "motion"),
-    ("bpy.ops.unisim.drag*", "motion"),
-    ("bpy.ops.unisim.*rig*", "sensors"),
-    ("bpy.ops.unisim.look_through*", "sensors"),
-    ("bpy.ops.unisim.choose_actor*", "find-an-actor"),
-    ("bpy.ops.unisim.*listed*", "find-an-actor"),
-    ("bpy.ops.unisim.*timeline*", "find-an-actor"),
-    ("bpy.ops.unisim.*filter*", "find-an-actor"),
-    ("bpy.ops.unisim.hide_actor*", "find-an-actor"),
-    ("bpy.ops.unisim.*batch*", "batches"),
-    ("bpy.ops.unisim.*parameter*", "batches"),
-    ("bpy.ops.unisim.open_report*", "batches"),
-    ("bpy.ops.unisim.*", "edit"),
-    ("bpy.types.unisimpreferences*", "install"),
-    ("bpy.types.unisimscene.show_*", "view"),
-    ("bpy.types.unisimscene.points_*", "view"),
-    ("bpy.types.unisimscene.recorded_*", "view"),
-    ("bpy.types.unisimscene.log*", "import"),
-    ("bpy.types.unisimscene.scene*", "import"),
-    ("bpy.types.unisimscene.sequence_*", "sequences"),
-    ("bpy.types.unisimscene.out*", "sequences"),
-    ("bpy.types.unisimscene*", "render"),
-    ("bpy.types.unisimcheck*", "check"),
-    ("bpy.types.unisimwarning*", "check"),
-    ("bpy.types.unisim_pt_warnings*", "check"),
-    ("bpy.types.unisim_pt_drive*", "import"),
-    ("bpy.types.unisim_pt_show*", "view"),
-    ("bpy.types.unisim_pt_output*", "sequences"),
-    ("bpy.types.unisimsimulation*", "simulate"),
-    ("bpy.types.unisimbatch*", "batches"),
-    ("bpy.types.unisimparameter*", "batches"),
-    ("bpy.types.unisim_pt_batch*", "batches"),
-    ("bpy.types.unisimmodel*", "simulate"),
-    ("bpy.types.unisim_pt_simulat*", "simulate"),
-    ("bpy.types.unisim_pt_scores*", "simulate"),
-    ("bpy.types.unisim_pt_render*", "render"),
-    ("bpy.types.unisim_pt_variants*", "variants"),
-    ("bpy.types.unisim_pt_edits*", "edits-list"),
-    ("bpy.types.unisim_pt_sensors*", "sensors"),
-    ("bpy.types.unisim_pt_motion*", "motion"),
-    ("bpy.types.unisim_pt_actors*", "find-an-actor"),
-    ("bpy.types.unisim_*", "edit"),
-    ("bpy.types.unisim*", INDEX),
-    ("bpy.types.*.unisim*", INDEX),
-)
-"""Patterns of Blender's names in lower case, and the section of the manual; the first that fits counts."""
+OPERATORS = {
+    "import": "import_*",
+    "view": "recorded_colours* show_points*",
+    "install": "test_renderer*",
+    "check": "check* go_to*",
+    "train": "train*",
+    "sequences": "render_sequence* cancel_task* open_output* play_result* export_scenario*",
+    "simulate": "simulate* drive_on* open_rollout* *model*",
+    "variants": "*variant*",
+    "edits-list": "*edit*",
+    "motion": "aim_sensor* shift_actor* drag*",
+    "sensors": "*sensor* add_* set_beams* *rig* look_through*",
+    "meshes": "*mesh* *ego_body*",
+    "find-an-actor": "choose_actor* *listed* *timeline* *filter* hide_actor*",
+    "batches": "*batch* *parameter* open_report*",
+    "edit": "*",
+}
+TYPES = {
+    "install": "unisimpreferences*",
+    "view": "unisimscene.show_* unisimscene.points_* unisimscene.recorded_* unisim_pt_show*",
+    "import": "unisimscene.log* unisimscene.scene* unisim_pt_drive*",
+    "sequences": "unisimscene.sequence_* unisimscene.out* unisim_pt_output*",
+    "render": "unisimscene* unisim_pt_render*",
+    "check": "unisimcheck* unisimwarning* unisim_pt_warnings*",
+    "simulate": "unisimsimulation* unisimmodel* unisim_pt_simulat* unisim_pt_scores*",
+    "batches": "unisimbatch* unisimparameter* unisim_pt_batch*",
+    "variants": "unisim_pt_variants*",
+    "edits-list": "unisim_pt_edits*",
+    "sensors": "unisim_pt_sensors*",
+    "motion": "unisim_pt_motion*",
+    "find-an-actor": "unisim_pt_actors*",
+    "edit": "unisim_*",
+    INDEX: "unisim* *.unisim*",
+}
+"""Sections of the manual, and patterns of what they describe: of our operators and of Blender's types in lower case. The first
+that fits counts."""
 
 
 def manual_map() -> tuple[str, tuple[tuple[str, str], ...]]:
     """Return the address of the manual's folder, and what of it describes what, as Blender asks for it."""
-    return f"{MANUAL.as_uri()}/", tuple((pattern, f"{section}.html") for pattern, section in SECTIONS)
-
-
-CLASSES = ()
+    return f"{MANUAL.as_uri()}/", tuple(
+        (f"{path}.{pattern}", f"{section}.html")
+        for path, sections in (("bpy.ops.unisim", OPERATORS), ("bpy.types", TYPES))
+        for section, patterns in sections.items()
+        for pattern in patterns.split()
+    )
 
 
 def register() -> None:

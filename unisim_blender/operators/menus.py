@@ -3,8 +3,7 @@ that fit the kind of the active object; and the active camera's image size."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import bpy
 from bpy.app.handlers import persistent
@@ -12,15 +11,17 @@ from bpy.app.handlers import persistent
 from ..bridge.importing.drive import fit_resolution
 from ..editing.texts import translatable
 from ..preferences import SECTIONS
-from ..registering import add, take_away
+from ..registering import Shortcut, keys_of
 
+BOTH = ("ctrl", "alt")
 SHORTCUTS = (
-    ("unisim.duplicate_actor", "D", {"ctrl": True, "alt": True}),
-    ("unisim.retime_actor", "T", {"ctrl": True, "alt": True}),
-    ("unisim.snap_to_ground", "G", {"ctrl": True, "alt": True}),
-    ("unisim.check", "K", {"ctrl": True, "alt": True}),
+    Shortcut("unisim.duplicate_actor", "D", BOTH),
+    Shortcut("unisim.retime_actor", "T", BOTH),
+    Shortcut("unisim.snap_to_ground", "G", BOTH),
+    Shortcut("unisim.check", "K", BOTH),
+    # Blender's default keymap leaves it free in the 3D view's Object Mode, from 4.2 to 5.2
+    Shortcut("wm.call_menu_pie", "E", BOTH, {"name": "UNISIM_MT_pie"}),
 )
-_keys: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
 _active: dict[int, int | None] = {}
 """The camera that was active in each scene at the last look."""
 
@@ -32,37 +33,7 @@ class UNISIM_MT_object(bpy.types.Menu):
     bl_description = "Edits of the selected parts of the drive"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """As in the sidebar."""
-        layout = self.layout
-        layout.operator_menu_enum("unisim.duplicate_actor", "where")
-        layout.operator("unisim.delete_actor")
-        layout.operator("unisim.replace_appearance")
-        layout.operator_menu_enum("unisim.swap_class", "group")
-        layout.operator_menu_enum("unisim.maneuver", "kind")
-        layout.operator_menu_enum("unisim.retime_actor", "mode")
-        layout.operator("unisim.shift_actor")
-        layout.operator("unisim.follow_curve")
-        layout.operator("unisim.snap_to_ground")
-        layout.operator("unisim.mesh_actor")
-        layout.operator("unisim.release_mesh")
-        layout.operator("unisim.ego_body")
-        layout.operator("unisim.release_ego_body")
-        layout.operator("unisim.parked_row")
-        layout.operator("unisim.row_of_cones")
-        layout.separator()
-        layout.operator("unisim.mark_static")
-        layout.operator("unisim.copy_static")
-        layout.operator("unisim.forget_static")
-        layout.separator()
-        layout.operator("unisim.shift_ego")
-        layout.operator("unisim.aim_sensor")
-        layout.operator_menu_enum("unisim.set_beams", "preset")
-        layout.menu("UNISIM_MT_rig_presets")
-        layout.operator("unisim.save_rig")
-        layout.operator("unisim.restore_sensors")
-        layout.separator()
-        layout.operator("unisim.select_listed")
-        layout.operator("unisim.check")
+        draw_groups(self.layout, OBJECT_MENU)
 
 
 class UNISIM_MT_render(bpy.types.Menu):
@@ -72,13 +43,16 @@ class UNISIM_MT_render(bpy.types.Menu):
     bl_description = "Sequences, simulations, batches, variants and training"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the operators of the sidebar's Simulate and Render, which the menu search finds here."""
-        for group in RENDER_MENU:
-            for name in group.split():
-                self.layout.operator("unisim." + name)
-            self.layout.separator()
+        draw_groups(self.layout, RENDER_MENU)
 
 
+OBJECT_MENU = (
+    "duplicate_actor.where delete_actor replace_appearance swap_class.group maneuver.kind retime_actor.mode shift_actor "
+    "follow_curve snap_to_ground mesh_actor release_mesh ego_body release_ego_body parked_row row_of_cones",
+    "mark_static copy_static forget_static",
+    "shift_ego aim_sensor set_beams.preset UNISIM_MT_rig_presets save_rig restore_sensors",
+    "select_listed check",
+)
 RENDER_MENU = (
     "render_variants export_variants open_output play_result make_film open_film export_scenario",
     "simulate drive_on open_rollout compare_rollouts",
@@ -86,7 +60,22 @@ RENDER_MENU = (
     "new_variant rename_variant delete_variant",
     "train make_library",
 )
-"""Operators of the menu, in groups."""
+"""Operators of the menus, in groups, with the choice that a menu of its own offers; and a menu."""
+
+
+def draw_groups(layout: bpy.types.UILayout, groups: tuple[str, ...]) -> None:
+    """Draw a menu's groups."""
+    for number, group in enumerate(groups):
+        if number:
+            layout.separator()
+        for name in group.split():
+            operator, _, choice = name.partition(".")
+            if name.startswith("UNISIM_MT_"):
+                layout.menu(name)
+            elif choice:
+                layout.operator_menu_enum("unisim." + operator, choice)
+            else:
+                layout.operator("unisim." + operator)
 
 
 class UNISIM_MT_view(bpy.types.Menu):
@@ -96,7 +85,6 @@ class UNISIM_MT_view(bpy.types.Menu):
     bl_description = "What of the drive the views show"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the sidebar's switches, which the menu search finds here."""
         layout, scene = self.layout, context.scene
         for name in ("show_ways", "show_sensors", "show_timeline"):
             layout.prop(scene.unisim, name)
@@ -164,12 +152,11 @@ def draw_shortcuts(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
 
     layout.label(text="Shortcuts")
     configuration = context.window_manager.keyconfigs.user
-    for keys, own in _keys:
+    for keys, own in keys_of(__name__):
         keymap = configuration.keymaps.get(keys.name)
         for item in keymap.keymap_items if keymap is not None else ():
-            if item.idname == own.idname and getattr(item.properties, "name", "") == getattr(
-                own.properties, "name", ""
-            ):
+            names = [getattr(key.properties, "name", "") for key in (item, own)]
+            if item.idname == own.idname and names[0] == names[1]:
                 layout.context_pointer_set("keymap", keymap)
                 rna_keymap_ui.draw_kmi([], configuration, keymap, item, layout, 0)
 
@@ -193,31 +180,30 @@ def note_cameras(*_: object) -> None:
         follow_camera(scene)
 
 
-PIE_KEY: tuple[str, dict[str, bool]] = ("E", {"ctrl": True, "alt": True})
-"""Blender's default keymap leaves it free in the 3D view's Object Mode, from 4.2 to 5.2."""
-
-
-@dataclass(frozen=True)
-class Slot:
-    """An operator in a slot of the pie: its name, the text where that is not its own, an icon, and what
-    it is called with."""
+class Slot(NamedTuple):
+    """An operator in a slot of the pie: its name, text and icon, and what it is called with."""
 
     operator: str
-    text: str = ""
-    icon: str = "NONE"
-    given: dict[str, Any] = field(default_factory=dict)
+    text: str
+    icon: str
+    given: dict[str, Any] = {}
 
 
-CHECK = Slot("unisim.check", "Check Edits", "CHECKMARK")
-RENDER = Slot("unisim.render_sequence", "Render Sequence", "RENDER_ANIMATION")
 DELETE = Slot("unisim.delete_actor", "Delete", "TRASH")
-SNAP = Slot("unisim.snap_to_ground", "Snap to Ground", "SNAP_FACE")
 ADD_CAMERA = Slot("unisim.add_camera", "Add Camera", "CAMERA_DATA")
-MANEUVER = Slot("wm.call_menu_pie", "Maneuver", "CON_FOLLOWPATH", {"name": "UNISIM_MT_maneuver_pie"})
 ADD_LIDAR = Slot("unisim.add_lidar", "Add LiDAR", "CONE")
+MANEUVER = Slot("wm.call_menu_pie", "Maneuver", "CON_FOLLOWPATH", {"name": "UNISIM_MT_maneuver_pie"})
 MARK = Slot("unisim.mark_static", "Mark Static Item", "ADD")
-
-SLOTS: dict[str, tuple[Slot | None, ...]] = {
+AIM = Slot("unisim.aim_sensor", "Aim", "ORIENTATION_GIMBAL")
+OF_SENSOR = (
+    Slot("object.duplicate_move", "Duplicate", "DUPLICATE"),
+    Slot("object.delete", "Delete", "TRASH"),
+)
+OF_ALL = (
+    Slot("unisim.check", "Check Edits", "CHECKMARK"),
+    Slot("unisim.render_sequence", "Render Sequence", "RENDER_ANIMATION"),
+)
+SLOTS: dict[str, tuple[Slot, ...]] = {
     "ACTOR": (
         Slot("unisim.duplicate_actor", "Duplicate", "DUPLICATE"),
         DELETE,
@@ -225,8 +211,7 @@ SLOTS: dict[str, tuple[Slot | None, ...]] = {
         Slot("unisim.shift_actor", "Shift", "ARROW_LEFTRIGHT"),
         Slot("unisim.replace_appearance", "Replace Appearance", "FILE_REFRESH"),
         MANEUVER,
-        CHECK,
-        RENDER,
+        *OF_ALL,
     ),
     "EGO": (
         ADD_CAMERA,
@@ -235,28 +220,23 @@ SLOTS: dict[str, tuple[Slot | None, ...]] = {
         Slot("unisim.shift_ego", "Shift Lane", "ARROW_LEFTRIGHT"),
         MANEUVER,
         Slot("unisim.export_scenario", "Export Scenario", "EXPORT"),
-        CHECK,
-        RENDER,
+        *OF_ALL,
     ),
     "CAMERA": (
-        Slot("object.duplicate_move", "Duplicate", "DUPLICATE"),
-        Slot("object.delete", "Delete", "TRASH"),
+        *OF_SENSOR,
         ADD_CAMERA,
-        Slot("unisim.aim_sensor", "Aim", "ORIENTATION_GIMBAL"),
+        AIM,
         Slot("view3d.object_as_camera", "Look Through", "VIEW_CAMERA"),
         ADD_LIDAR,
-        CHECK,
-        RENDER,
+        *OF_ALL,
     ),
     "LIDAR": (
-        Slot("object.duplicate_move", "Duplicate", "DUPLICATE"),
-        Slot("object.delete", "Delete", "TRASH"),
+        *OF_SENSOR,
         ADD_LIDAR,
-        Slot("unisim.aim_sensor", "Aim", "ORIENTATION_GIMBAL"),
+        AIM,
         Slot("unisim.set_beams", "Change Beams", "LIGHT_SUN"),
         ADD_CAMERA,
-        CHECK,
-        RENDER,
+        *OF_ALL,
     ),
     "STATIC": (
         Slot("unisim.copy_static", "Copy to 3D Cursor", "DUPLICATE"),
@@ -264,9 +244,8 @@ SLOTS: dict[str, tuple[Slot | None, ...]] = {
         MARK,
         Slot("transform.translate", "Move", "ARROW_LEFTRIGHT"),
         Slot("unisim.forget_static", "Forget", "X"),
-        SNAP,
-        CHECK,
-        RENDER,
+        Slot("unisim.snap_to_ground", "Snap to Ground", "SNAP_FACE"),
+        *OF_ALL,
     ),
     "NONE": (
         Slot("unisim.insert_actor", "Insert Actor", "ADD"),
@@ -275,8 +254,7 @@ SLOTS: dict[str, tuple[Slot | None, ...]] = {
         Slot("unisim.shift_ego", "Shift Ego Lane", "ARROW_LEFTRIGHT"),
         ADD_CAMERA,
         MANEUVER,
-        CHECK,
-        RENDER,
+        *OF_ALL,
     ),
 }
 """By kind of the active object, in Blender's order: left, right, below, above, upper left and right,
@@ -298,7 +276,6 @@ class UNISIM_MT_pie(bpy.types.Menu):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there."""
         return bool(context.scene.unisim.log)
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -306,9 +283,6 @@ class UNISIM_MT_pie(bpy.types.Menu):
         pie = self.layout.menu_pie()
         pie.operator_context = "INVOKE_REGION_WIN"
         for slot in SLOTS[kind_of_active(context)]:
-            if slot is None:
-                pie.separator()
-                continue
             button = pie.operator(slot.operator, text=slot.text, icon=slot.icon)
             for name, value in slot.given.items():
                 setattr(button, name, value)
@@ -321,7 +295,6 @@ class UNISIM_MT_maneuver_pie(bpy.types.Menu):
     bl_description = "Maneuvers of the active actor, or of a new one"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw a slot for each, and for rows and classes."""
         pie = self.layout.menu_pie()
         pie.operator_enum("unisim.maneuver", "kind")
         pie.operator("unisim.row_of_cones", icon="CONE")
@@ -329,26 +302,18 @@ class UNISIM_MT_maneuver_pie(bpy.types.Menu):
         pie.operator_menu_enum("unisim.swap_class", "group", icon="MOD_INSTANCE")
 
 
-CLASSES = (UNISIM_MT_object, UNISIM_MT_render, UNISIM_MT_view, UNISIM_MT_pie, UNISIM_MT_maneuver_pie)
+MENUS = (
+    (bpy.types.VIEW3D_MT_view, draw_view_menu),
+    (bpy.types.VIEW3D_MT_object, draw_object_menu),
+    (bpy.types.VIEW3D_MT_add, draw_add_menu),
+    (bpy.types.TOPBAR_MT_render, draw_render_menu),
+)
 HANDLERS = (("load_post", note_cameras), ("depsgraph_update_post", follow_camera))
 
 
 def register() -> None:
-    """Add menus and shortcuts."""
-    add(CLASSES)
-    bpy.types.VIEW3D_MT_view.append(draw_view_menu)
-    bpy.types.VIEW3D_MT_object.append(draw_object_menu)
+    """Add the context menu's lines at its top, and the shortcuts to the preferences."""
     bpy.types.VIEW3D_MT_object_context_menu.prepend(draw_context_menu)
-    bpy.types.VIEW3D_MT_add.append(draw_add_menu)
-    bpy.types.TOPBAR_MT_render.append(draw_render_menu)
-    configuration = bpy.context.window_manager.keyconfigs.addon
-    if configuration is not None:  # there is none without a window
-        keys = configuration.keymaps.new(name="Object Mode")
-        for operator, key, modifiers in SHORTCUTS:
-            _keys.append((keys, keys.keymap_items.new(operator, key, "PRESS", **modifiers)))
-        item = keys.keymap_items.new("wm.call_menu_pie", PIE_KEY[0], "PRESS", **PIE_KEY[1])
-        item.properties.name = UNISIM_MT_pie.__name__
-        _keys.append((keys, item))
     SECTIONS.append(draw_shortcuts)
     note_cameras()
 
@@ -356,14 +321,4 @@ def register() -> None:
 def unregister() -> None:
     """Take them away."""
     _active.clear()
-    if draw_shortcuts in SECTIONS:
-        SECTIONS.remove(draw_shortcuts)
-    while _keys:
-        keys, item = _keys.pop()
-        keys.keymap_items.remove(item)
-    bpy.types.TOPBAR_MT_render.remove(draw_render_menu)
-    bpy.types.VIEW3D_MT_add.remove(draw_add_menu)
     bpy.types.VIEW3D_MT_object_context_menu.remove(draw_context_menu)
-    bpy.types.VIEW3D_MT_object.remove(draw_object_menu)
-    bpy.types.VIEW3D_MT_view.remove(draw_view_menu)
-    take_away(CLASSES)

@@ -40,9 +40,6 @@ def draw_progress(self: bpy.types.Header, context: bpy.types.Context) -> None:
     row.operator("unisim.cancel_task", text="", icon="CANCEL")
 
 
-CLASSES = ()
-
-
 def register() -> None:
     """Add the progress to the status bar."""
     header = bpy.types.STATUSBAR_HT_header

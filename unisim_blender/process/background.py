@@ -12,7 +12,6 @@ from ..bridge.window import allowed, redraw, redraw_status_bar
 from ..core.errors import UnisimError
 from ..editing.layout.chart import ChartImage, training_chart
 from ..editing.texts import Text
-from ..registering import add, take_away
 from ..translations import message
 from .tasks import SequenceTask, Task, TrainingTask
 
@@ -176,36 +175,26 @@ def launch(task: Task) -> None:
 class UNISIM_OT_cancel_task(bpy.types.Operator):
     """Stop the background task; finished frames are kept, and starting it again resumes"""
 
-    bl_idname = "unisim.cancel_task"
     bl_label = "Cancel"
     bl_options = {"REGISTER"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Something has to be running."""
         return allowed(cls, (running, "No task is running"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Ask it to end."""
         for task in running:
             task.cancel()
         return {"FINISHED"}
 
 
-CLASSES = (UNISIM_OT_cancel_task,)
 HANDLERS = (("load_post", note_opened), ("save_post", note_saved))
 TIMERS = (watch,)
 
 
-def register() -> None:
-    """Add the operator."""
-    add(CLASSES)
-
-
 def unregister() -> None:
-    """Take it away, and end what runs."""
+    """End what runs."""
     for task in running:
         task.cancel()
     running.clear()
     newest.clear()
-    take_away(CLASSES)

@@ -97,7 +97,6 @@ class PackageTask(Task):
                     self.megabytes = int(done) / 1e6, int(total) / 1e6
 
     def text(self) -> str:
-        """One line for a status bar."""
         name, (done, total) = self.package.name, self.megabytes
         if self.running:
             return message(
@@ -108,7 +107,6 @@ class PackageTask(Task):
         return self.problem or message("{package} is installed", package=name)
 
     def finish(self) -> None:
-        """Have Blender's Python and the renderer find the package."""
         look_into_folders()
         client.close()
 
@@ -124,19 +122,17 @@ class PackageTask(Task):
             why = " ".join(errors) or super().problem
         return message("{package} could not be installed: {why}", package=self.package.name, why=why)
 
-    def _run(self) -> None:
+    def _do(self) -> int:
         options = "--no-deps --only-binary :all: --no-binary asciitree --retries 2 --no-input --progress-bar raw"
         arguments = ["install", *options.split(), "--target", str(self.folder), *self.package.requirements]
-        code = self._execute(interpreters.command(sys.executable, "pip", *arguments))
         try:
+            code = self._execute(interpreters.command(sys.executable, "pip", *arguments))
             if code == 0 and not self.cancelled:
                 shutil.rmtree(self.package.folder, ignore_errors=True)
                 self.folder.rename(self.package.folder)
-        except OSError as fault:
-            self.words.append(str(fault))
-            code = 1
-        shutil.rmtree(self.folder, ignore_errors=True)
-        self.code = code
+        finally:
+            shutil.rmtree(self.folder, ignore_errors=True)
+        return code
 
 
 def remove(package: OptionalPackage) -> None:
@@ -149,6 +145,4 @@ def remove(package: OptionalPackage) -> None:
     look_into_folders()
 
 
-def register() -> None:
-    """Find the packages that are installed."""
-    look_into_folders()
+register = look_into_folders

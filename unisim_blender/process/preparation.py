@@ -8,9 +8,9 @@ import time
 import bpy
 from bpy.app.handlers import persistent
 
-from ..bridge.window import allowed, redraw, redraw_status_bar
-from ..editing.texts import Text
-from ..registering import add, take_away
+from ..bridge.window import allowed, redraw, redraw_status_bar, run_soon
+from ..editing.texts import Text, clock_text
+from ..registering import Shortcut
 from .client import Client, Request
 
 POLL_S, REPORT_S = 0.25, 1.0
@@ -54,8 +54,7 @@ class Preparation:
         if self._since is None or self.share - self._since[1] < MIN_SHARE:
             return Text("Preparing the finished image: {share} %", share=share)
         left = (1 - self.share) * (time.monotonic() - self._since[0]) / (self.share - self._since[1])
-        time_left = f"{int(left) // 60}:{int(left) % 60:02d}"
-        return Text("Preparing the finished image: {share} %, {time} left", share=share, time=time_left)
+        return Text("Preparing the finished image: {share} %, {time} left", share=share, time=clock_text(left))
 
     @property
     def fraction(self) -> float:
@@ -72,14 +71,14 @@ class Preparation:
             self.end()
             self.log, self.share, self.problem = log, 0.0, ""
         self.first = first
-        _watch_soon()
+        run_soon(watch, POLL_S)
 
     def begin(self, worker: Client) -> None:
         """Prepare all of the log's surfels, unless that is under way, stopped or failed."""
         if self._request is None and not self.stopped and not self.problem:
             self._worker, self._since = worker, None
             self._request = worker.ask("prepare", log=self.log)
-            _watch_soon()
+            run_soon(watch, POLL_S)
 
     def end(self) -> None:
         """Cancel; the worker keeps what is done."""
@@ -109,11 +108,6 @@ _reported: list[tuple[float, str]] = []
 """Time and text of the last report."""
 
 
-def _watch_soon() -> None:
-    if not bpy.app.background and not bpy.app.timers.is_registered(watch):
-        bpy.app.timers.register(watch, first_interval=POLL_S)
-
-
 def watch() -> float | None:
     """Take in progress, as a timer of Blender's, and show it; until nothing is prepared."""
     finished = PREPARATION.finished
@@ -130,7 +124,6 @@ def watch() -> float | None:
 class UNISIM_OT_stop_preparation(bpy.types.Operator):
     """Stop preparing images of this log; views show recorded images until it is resumed"""
 
-    bl_idname = "unisim.stop_preparation"
     bl_label = "Stop Preparing Images"
     bl_options = {"INTERNAL"}
 
@@ -141,30 +134,27 @@ class UNISIM_OT_stop_preparation(bpy.types.Operator):
         return allowed(cls, (PREPARATION.active and not playing, "No images are being prepared"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Cancel, and draw the views again."""
         PREPARATION.end()
         PREPARATION.stopped = True
-        _watch_soon()
+        run_soon(watch, POLL_S)
         return {"FINISHED"}
 
 
 class UNISIM_OT_resume_preparation(bpy.types.Operator):
     """Go on preparing images of this log where that was stopped"""
 
-    bl_idname = "unisim.resume_preparation"
     bl_label = "Resume Preparing Images"
     bl_options = {"INTERNAL"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """It has to be stopped, or failed."""
         stopped = PREPARATION.stopped or bool(PREPARATION.problem)
         return allowed(cls, (stopped, "The preparation of images was not stopped"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Have the views ask again."""
         PREPARATION.stopped, PREPARATION.problem = False, ""
-        _watch_soon()
+        run_soon(watch, POLL_S)
         return {"FINISHED"}
 
 
@@ -175,25 +165,7 @@ def forget(*_: object) -> None:
     PREPARATION.log = ""
 
 
-CLASSES = (UNISIM_OT_stop_preparation, UNISIM_OT_resume_preparation)
 HANDLERS = (("load_post", forget),)
 TIMERS = (watch,)
-_keys: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
-
-
-def register() -> None:
-    """Add the operators, and Esc."""
-    add(CLASSES)
-    configuration = bpy.context.window_manager.keyconfigs.addon
-    if configuration is not None:  # there is none without a window
-        keys = configuration.keymaps.new(name="3D View", space_type="VIEW_3D")
-        _keys.append((keys, keys.keymap_items.new(UNISIM_OT_stop_preparation.bl_idname, "ESC", "PRESS")))
-
-
-def unregister() -> None:
-    """Take them away."""
-    while _keys:
-        keys, item = _keys.pop()
-        keys.keymap_items.remove(item)
-    forget()
-    take_away(CLASSES)
+SHORTCUTS = (Shortcut("unisim.stop_preparation", "ESC", keymap="3D View", editor="VIEW_3D"),)
+unregister = forget

@@ -21,7 +21,7 @@ from typing import Any
 
 from ..core.sequence.records import finished_moments
 from ..core.world.captures import CaptureKey
-from ..editing.texts import translatable
+from ..editing.texts import clock_text, translatable
 from ..translations import message
 from . import interpreters
 
@@ -64,6 +64,9 @@ class Task:
     """Whether it takes an interpreter that can train."""
     hears = False
     """Whether it takes the JSON objects that the command prints, a line each, by `hear`."""
+    units = translatable("{done} of {total} frames")
+    rates = ""
+    """Amount done of the total in words, and speed."""
 
     def start(self) -> None:
         """Begin; returns at once."""
@@ -115,17 +118,16 @@ class Task:
         spent, new = time.monotonic() - self.started_s, self.done - self.before
         if new <= 0:
             return message("{progress}, starting", progress=self.measure())
-        left = (self.total - self.done) * spent / new
-        time_left = f"{int(left) // 60}:{int(left) % 60:02d}"
-        return message("{progress}, {time} left", progress=self.measure() + self.speed(new / spent), time=time_left)
+        left = clock_text((self.total - self.done) * spent / new)
+        return message("{progress}, {time} left", progress=self.measure() + self.speed(new / spent), time=left)
 
     def measure(self) -> str:
         """Progress in words."""
-        raise NotImplementedError
+        return message(self.units, done=int(self.done), total=int(self.total))
 
     def speed(self, rate: float) -> str:
         """Speed in words, or ""."""
-        return ""
+        return message(self.rates, rate=rate) if self.rates else ""
 
     def cancel(self) -> None:
         """Ask it to end; what is finished stays."""
@@ -144,37 +146,39 @@ class Task:
                 self.hear(json.loads(line))
 
     def _run(self) -> None:
-        self.code = self._call(self.arguments)
-
-    def _call(self, arguments: list[str]) -> int:
-        """Run one command of `unisim` to its end. Return its exit code."""
+        """Do all of it, and then set the exit code."""
         try:
-            python, failed = interpreters.find(self.chosen, self.trains)
-            if python is None:
-                self.words += (interpreters.how_to_mend(failed, self.trains), f"{REMEDY}interpreter")
-                return 1
+            code = self._do()
         except OSError as fault:
             self.words.append(str(fault))
+            code = 1
+        self.code = code
+
+    def _do(self) -> int:
+        """Run what there is to run to its end. Return the exit code. Raises OSError."""
+        return self._call(self.arguments)
+
+    def _call(self, arguments: list[str]) -> int:
+        """Run one command of `unisim` to its end. Return its exit code. Raises OSError."""
+        python, failed = interpreters.find(self.chosen, self.trains)
+        if python is None:
+            self.words += (interpreters.how_to_mend(failed, self.trains), f"{REMEDY}interpreter")
             return 1
         return self._execute(interpreters.command(python.path, "cli", *arguments))
 
     def _execute(self, command: list[str]) -> int:
-        """Run a command line to its end. Return its exit code."""
-        try:
-            out = subprocess.PIPE if self.hears else subprocess.DEVNULL
-            self.process = process = subprocess.Popen(command, stdout=out, stderr=subprocess.PIPE)
-            if self.cancelled:
-                process.kill()
-            assert process.stderr is not None
-            hearing = threading.Thread(target=self._hear, args=(process.stdout,), daemon=True)
-            hearing.start()
-            for line in process.stderr:
-                self.words.append(line.decode(errors="replace").rstrip())
-            hearing.join()
-            return process.wait()
-        except OSError as fault:
-            self.words.append(str(fault))
-            return 1
+        """Run a command line to its end. Return its exit code. Raises OSError."""
+        out = subprocess.PIPE if self.hears else subprocess.DEVNULL
+        self.process = process = subprocess.Popen(command, stdout=out, stderr=subprocess.PIPE)
+        if self.cancelled:
+            process.kill()
+        assert process.stderr is not None
+        hearing = threading.Thread(target=self._hear, args=(process.stdout,), daemon=True)
+        hearing.start()
+        for line in process.stderr:
+            self.words.append(line.decode(errors="replace").rstrip())
+        hearing.join()
+        return process.wait()
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
@@ -188,29 +192,24 @@ class SequenceTask(Task):
     """Frames rendered into a folder."""
 
     title = translatable("Sequence")
+    rates = translatable(", {rate:.2f} frames/s")
     wanted: Container[CaptureKey] | None = None
     """The frames and times that count; None: all in the folder."""
 
     @property
     def done(self) -> float:
-        """Frames that are finished."""
         return float(finished_moments(self.folder, self.wanted))
 
-    def measure(self) -> str:
-        """Frames of how many."""
-        return message("{done} of {total} frames", done=int(self.done), total=int(self.total))
-
-    def speed(self, rate: float) -> str:
-        """Frames a second."""
-        return message(", {rate:.2f} frames/s", rate=rate)
-
     def newest(self) -> Path | None:
-        """The image that was finished last."""
-        images = list((self.folder / "camera").glob("*/*.png"))
-        try:
-            return max(images, key=lambda path: path.stat().st_mtime_ns, default=None)
-        except OSError:  # one was replaced just now: the next look finds it
-            return None
+        return newest_image(self.folder)
+
+
+def newest_image(folder: Path) -> Path | None:
+    """Return the image that was finished last in the folder of a sequence; None where there is none."""
+    try:
+        return max((folder / "camera").glob("*/*.png"), key=lambda path: path.stat().st_mtime_ns, default=None)
+    except OSError:  # one was replaced just now: the next look finds it
+        return None
 
 
 class TrainingTask(Task):
@@ -235,7 +234,6 @@ class TrainingTask(Task):
         return curve[-1]["seconds"] / 60 if curve else 0.0
 
     def measure(self) -> str:
-        """Minutes of how many, and how good it is."""
         curve = self.curve()
         now = f", PSNR {curve[-1]['psnr']:.1f} dB, LiDAR {100 * curve[-1]['lidar_m']:.1f} cm" if curve else ""
         return message("{done:.1f} of {total:.1f} minutes", done=self.done, total=self.total) + now

@@ -126,6 +126,7 @@ def test_what_is_no_model_is_not_registered(own_register: None) -> None:
         """A model whose schema lacks a member."""
 
         type = "half"
+        members = Idm.members
 
         more: float = 1.0
 

@@ -184,12 +184,12 @@ def apply_sensors(target: Target) -> None:
         obj = _known(scene, name) or make(scene, kind, name, name, data)
         obj.unisim.sees_ego_body = sees_body.get(name, "AUTO")
         times = clock.of_sensor(sensor).times_s
+        world = sensor.trajectory.at(times)
         if isinstance(sensor, Camera):
+            world = optical(world)
             set_model(obj, sensor.model)
-            world = optical(sensor.world_from_camera.at(times))
         else:
             obj.unisim.model = lidar_json(sensor.model)
-            world = sensor.world_from_lidar.at(times)
         if name in unmoved and data is None:
             continue
         if name in free:

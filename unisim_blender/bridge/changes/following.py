@@ -12,13 +12,12 @@ import numpy as np
 from bpy.app.handlers import persistent
 from mathutils import Quaternion
 
-from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
 from ...editing.motion.keys import BLEND_S, SAME
 from ...editing.sampled.clock import Clock
 from ...translations import localized, message
 from ..objects.animation import add_to_keys, curves_of, keyed_values
-from ..objects.imported import KINDS_OF_DRIVE, has_drive, imported_objects, source_of
+from ..objects.imported import KINDS_OF_DRIVE, drive_of, has_drive, imported_objects
 from ..objects.meshes import scaled_sentence
 from ..objects.trajectories import convert, trajectory_of
 from .carriers.scale import stand
@@ -177,9 +176,7 @@ HANDLERS = (
 TIMERS = (_settle, _hush)
 
 
-def register() -> None:
-    """Begin to follow."""
-    look_again()
+register = look_again
 
 
 def unregister() -> None:
@@ -295,11 +292,11 @@ def _blend(scene: bpy.types.Scene, keyed: list[bpy.types.FCurve], before: FloatA
 def around(scene: bpy.types.Scene, frame: float, seconds: float) -> tuple[float, float]:
     """Return the frames that lie some seconds of the log before and after ``frame``; by Blender's rate where
     there is no log."""
-    try:
-        clock = Clock.of(source_of(scene).drive)
-    except (UnisimError, OSError):
+    drive = drive_of(scene)
+    if drive is None:
         away = seconds * scene.render.fps / scene.render.fps_base
         return frame - away, frame + away
+    clock = Clock.of(drive)
     now = float(clock.time_s(np.array(frame)))
     first, last = clock.frame(np.array([now - seconds, now + seconds]))
     return float(first), float(last)

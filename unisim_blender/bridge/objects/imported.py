@@ -11,6 +11,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ...core.actor_images.names import full_name
+from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
 from ...core.world.drive import Actor, Drive
 from ...editing.actors.table import is_plain
@@ -41,14 +42,10 @@ def imported_objects(scene: bpy.types.Scene, *kinds: str) -> Iterator[bpy.types.
 def rides_on_ego(obj: bpy.types.Object) -> bool:
     """Return whether an object is the ego vehicle or rides on it: by its parents, or by a constraint to
     what rides there."""
-    above: bpy.types.Object | None = obj
-    while above is not None:
-        if above.unisim.kind == "EGO":
-            return True
+    for above in with_parents(obj):
         targets = [getattr(constraint, "target", None) for constraint in above.constraints if not constraint.mute]
-        if any(_parented_to_ego(target) for target in targets if target is not None):
+        if above.unisim.kind == "EGO" or any(ego_above(target) for target in targets if target is not None):
             return True
-        above = above.parent
     return False
 
 
@@ -61,11 +58,16 @@ def sees_body(obj: bpy.types.Object) -> bool:
     return setting == "ALWAYS" if setting != "AUTO" else not rides_on_ego(obj)
 
 
-def _parented_to_ego(obj: bpy.types.Object) -> bool:
-    above: bpy.types.Object | None = obj
-    while above is not None and above.unisim.kind != "EGO":
-        above = above.parent
-    return above is not None
+def with_parents(obj: bpy.types.Object) -> Iterator[bpy.types.Object]:
+    """Yield an object, its parent, the parent's parent, and so on."""
+    while obj is not None:
+        yield obj
+        obj = obj.parent
+
+
+def ego_above(obj: bpy.types.Object) -> bpy.types.Object | None:
+    """Return the ego vehicle that an object is, or is parented to; None where there is none."""
+    return next((above for above in with_parents(obj) if above.unisim.kind == "EGO"), None)
 
 
 def has_drive(scene: bpy.types.Scene) -> bool:
@@ -205,6 +207,14 @@ def source_of(scene: bpy.types.Scene) -> DriveSource:
     if not has_drive(scene):
         raise NotImported(f'scene "{scene.name}": no drive was imported into it: File > Import')
     return open_source(bpy.path.abspath(about.log), bpy.path.abspath(about.scene) if about.scene else "")
+
+
+def drive_of(scene: bpy.types.Scene) -> Drive | None:
+    """Return the recorded drive of a scene, for what is drawn; None where there is none, or it cannot be read."""
+    try:
+        return source_of(scene).drive
+    except (UnisimError, OSError):
+        return None
 
 
 def copy_of(context: bpy.types.Context, source: bpy.types.Object) -> bpy.types.Object:

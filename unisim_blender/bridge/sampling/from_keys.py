@@ -12,15 +12,15 @@ from dataclasses import replace
 
 import bpy
 import numpy as np
-from mathutils import Euler, Quaternion
+from mathutils import Quaternion
 
-from ...core.geometry import BoolArray, FloatArray, matrix_from_quaternion
+from ...core.geometry import BoolArray, FloatArray
 from ...editing.motion.keys import SAME
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled, SampledObject, Scaling, rigid, scaling_of
 from ..objects.animation import curves_of, keyed_values
-from ..objects.imported import KINDS_OF_DRIVE, imported_objects, skipped_sensors, title_of
-from ..objects.trajectories import trajectory_of
+from ..objects.imported import KINDS_OF_DRIVE, imported_objects, skipped_sensors, title_of, with_parents
+from ..objects.trajectories import local_poses, trajectory_of
 from .adjacent_frames import evaluate_beside, moved_by_keys
 from .stepping import completed, depsgraph_of, described, image_size, refuse_stretching, shown_names, static_items
 
@@ -108,32 +108,16 @@ class Sampler:
                 tuple(self._pending(obj).ravel().round(6).tolist()),
                 obj.name in self.shown,
                 moved_by_keys(obj),
-                _lens(obj),
+                tuple(getattr(obj.data, name) for name in LENS_PROPERTIES if obj.type == "CAMERA"),
             )
             self._signatures[obj.name] = own if obj.parent is None else (*own, hash(self.signature(obj.parent)))
         return self._signatures[obj.name]
 
     def _local(self, obj: bpy.types.Object) -> FloatArray:
         """Return an object's own transform (N, 4, 4) by its keys."""
-        frames = self.clock.frames.tolist()
-        whole = np.tile(np.eye(4), (len(frames), 1, 1))
-        if obj.rotation_mode == "QUATERNION":
-            turns = keyed_values(obj, "rotation_quaternion", frames)
-            whole[:, :3, :3] = matrix_from_quaternion(
-                turns / np.maximum(np.linalg.norm(turns, axis=1, keepdims=True), 1e-12)
-            )
-        elif obj.rotation_mode == "AXIS_ANGLE":
-            whole[:, :3, :3] = np.array(obj.matrix_basis.to_quaternion().to_matrix(), float)
-        elif any(curve.data_path == "rotation_euler" for curve in curves_of(obj)):
-            angles = keyed_values(obj, "rotation_euler", frames)
-            whole[:, :3, :3] = [np.array(Euler(row, obj.rotation_mode).to_matrix(), float) for row in angles.tolist()]
-        else:
-            whole[:, :3, :3] = np.array(obj.rotation_euler.to_matrix(), float)
-        whole[:, :3, 3] = keyed_values(obj, "location", frames)
-        pending = self._pending(obj)
-        whole[:, :3, :3] = pending[:3, :3] @ whole[:, :3, :3]
+        whole, pending = local_poses(obj, self.clock.frames), self._pending(obj)
+        whole[:, :3, :3] = pending[:3, :3] @ whole[:, :3, :3] * keyed_values(obj, "scale", self.clock.frames)[:, None]
         whole[:, :3, 3] += pending[:3, 3]
-        whole[:, :3, :3] *= keyed_values(obj, "scale", frames)[:, None]
         return whole
 
     def _pending(self, obj: bpy.types.Object) -> FloatArray:
@@ -194,10 +178,6 @@ def _curve_state(curve: bpy.types.FCurve) -> tuple[object, ...]:
     return (*state, hash((*parts, interpolations.tobytes())))
 
 
-def _lens(obj: bpy.types.Object) -> tuple[object, ...]:
-    return tuple(getattr(obj.data, name) for name in LENS_PROPERTIES) if obj.type == "CAMERA" else ()
-
-
 def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[StepsDone, None, Sampled]:
     """Return, after some steps, the scene's objects at all of the clock's frames.
 
@@ -229,8 +209,7 @@ def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[StepsDone, N
 def by_keys_alone(obj: bpy.types.Object) -> bool:
     """Return whether `Sampler` finds an object where Blender evaluates it: no deltas of the scale, no muted curves, and
     no parent whose path moves what is parented to it."""
-    above: bpy.types.Object | None = obj
-    while above is not None:
+    for above in with_parents(obj):
         muted = any(curve.mute or (curve.group is not None and curve.group.mute) for curve in curves_of(above))
         deltas = any(curve.data_path.startswith("delta_") for curve in curves_of(above))
         if (
@@ -240,5 +219,4 @@ def by_keys_alone(obj: bpy.types.Object) -> bool:
             or (above is not obj and above.type == "CURVE")
         ):
             return False
-        above = above.parent
     return moved_by_keys(obj)

@@ -22,6 +22,7 @@ from ..prepare.scenario import named, scenario_at
 from ..remote.copies import local_path
 from ..remote.requests import beside, is_url
 from ..scenario import at_url, scenario_from_json
+from ..scenario.json_schema import NUMBER, Schema, members_of, numbers
 from ..scenario.schema import check_by_schema
 from ..scenario.types import Scenario
 
@@ -194,52 +195,37 @@ CHOICES = ("values", "range")
 DRAWN = ("uniform", "integers")
 MAX_VARIANTS = 100_000
 
-_POINTER = {"type": "string", "pattern": "^(/.*)+$"}
-_PARAMETER = {
-    "type": "object",
-    "properties": {
+_POINTER: Schema = {"type": "string", "pattern": "^(/.*)+$"}
+_COUNT: Schema = {"type": "integer", "minimum": 1, "maximum": MAX_VARIANTS}
+_PARAMETER = members_of(
+    {
         "at": {"anyOf": [_POINTER, {"type": "array", "items": _POINTER, "minItems": 1}]},
         "values": {"type": "array", "minItems": 1},
-        "range": {
-            "type": "object",
-            "properties": {
-                "start": {"type": "number"},
-                "stop": {"type": "number"},
-                "count": {"type": "integer", "minimum": 1, "maximum": MAX_VARIANTS},
-            },
-            "required": ["start", "stop", "count"],
-            "additionalProperties": False,
-        },
-        "uniform": {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2},
-        "integers": {"type": "array", "items": {"type": "integer"}, "minItems": 2, "maxItems": 2},
+        "range": members_of({"start": NUMBER, "stop": NUMBER, "count": _COUNT}, ["start", "stop", "count"]),
+        "uniform": numbers(2),
+        "integers": numbers(2, {"type": "integer"}),
     },
-    "required": ["at"],
-    "additionalProperties": False,
-}
-SWEEP_SCHEMA: dict[str, Any] = {
-    "$schema": "https://json-schema.org/draft/2020-12/schema",
-    "title": "UniSim sweep, version 1",
-    "type": "object",
-    "properties": {
+    ["at"],
+)
+_METHODS = "grid", "random", "latin-hypercube"
+_SEED: Schema = {"type": "integer", "minimum": 0}
+_SAMPLING = members_of({"method": {"enum": list(_METHODS)}, "count": _COUNT, "seed": _SEED}, ["method"])
+_SWEEP = members_of(
+    {
         "format": {"const": SWEEP_FORMAT},
         "version": {"const": 1},
         "name": {"type": "string", "minLength": 1},
         "scenario": {"type": ["string", "object"]},
         "driver": {"type": "string", "minLength": 1},
-        "sampling": {
-            "type": "object",
-            "properties": {
-                "method": {"enum": ["grid", "random", "latin-hypercube"]},
-                "count": {"type": "integer", "minimum": 1, "maximum": MAX_VARIANTS},
-                "seed": {"type": "integer", "minimum": 0},
-            },
-            "required": ["method"],
-            "additionalProperties": False,
-        },
+        "sampling": _SAMPLING,
         "parameters": {"type": "object", "minProperties": 1, "additionalProperties": _PARAMETER},
     },
-    "required": ["format", "version", "name", "scenario", "parameters"],
-    "additionalProperties": False,
+    ["format", "version", "name", "scenario", "parameters"],
+)
+SWEEP_SCHEMA = {
+    "$schema": "https://json-schema.org/draft/2020-12/schema",
+    "title": "UniSim sweep, version 1",
+    **_SWEEP,
 }
 """The JSON Schema of sweep documents."""
 

@@ -61,7 +61,6 @@ class RayCluster:
         scenes: Sequence[str] | None = None,
         on_worker: OnWorker = ignore,
     ) -> Outcomes[ResultT]:
-        """See `Executor.run`."""
         if not units:
             return
         with _joined(self.named, min(jobs or os.cpu_count() or 1, len(units))) as ray:
@@ -283,7 +282,7 @@ class _Pool:
             runtime_env={"env_vars": {**dict.fromkeys(THREAD_VARIABLES, "1"), **_instruction_set()}},
         )  # fmt: skip
 
-    def start(self) -> _Worker:
+    def start(self, number: int) -> _Worker:
         actor = self.actor.remote()
         return _Worker(actor, actor.make.remote(self.make_reference))
 

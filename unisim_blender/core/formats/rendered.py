@@ -84,13 +84,11 @@ class RenderedLog:
         """Rendered frames as JSON text, their files' digests included."""
 
     def image_frames(self, camera: str) -> tuple[int, ...]:
-        """Frames of which the camera has an image."""
         if camera not in self.drive.cameras:
             return ()
         return tuple(frame for frame in self.drive.cameras[camera].time_s if self.image_path(camera, frame) is not None)
 
     def sweep_frames(self, lidar: str) -> tuple[int, ...]:
-        """Frames of which the LiDAR has a sweep."""
         if lidar not in self.drive.lidars:
             return ()
         return tuple(frame for frame in self.drive.lidars[lidar].time_s if self._sweep_path(lidar, frame).is_file())

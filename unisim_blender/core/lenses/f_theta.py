@@ -96,18 +96,15 @@ class FTheta(Lens):
 
     @property
     def max_angle_rad(self) -> float:
-        """See `Lens.max_angle_rad`."""
         if self.radius_from_angle:
             return self._end
         return min(self._widest, float(self._polynomial(np.array([self._end]))[0]))
 
     @property
     def axis_slope(self) -> float:
-        """See `Lens.axis_slope`."""
         return self.radius_from_angle[0] if self.radius_from_angle else 1 / self.angle_from_radius[0]
 
     def project(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """See `Lens.project`."""
         angle, x, y = angle_and_heading(points)
         valid = np.isfinite(points).all(-1) & (angle <= self.max_angle_rad * EDGE)
         angle = np.where(valid, angle, 0.0)
@@ -117,7 +114,6 @@ class FTheta(Lens):
         return np.where(valid[..., None], np.stack([c * x + d * y, e * x + y], -1), np.nan), valid
 
     def unproject(self, plane: FloatArray) -> FloatArray:
-        """See `Lens.unproject`."""
         c, d, e = self.linear
         u, v = plane[..., 0], plane[..., 1]
         with np.errstate(invalid="ignore"):

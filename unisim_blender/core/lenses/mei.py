@@ -57,16 +57,13 @@ class Mei(Lens):
 
     @property
     def max_angle_rad(self) -> float:
-        """See `Lens.max_angle_rad`."""
         return self._end
 
     @property
     def axis_slope(self) -> float:
-        """See `Lens.axis_slope`."""
         return 1 / (1 + self.xi)
 
     def project(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """See `Lens.project`."""
         # by its largest component first: no square of a point is too large or too small for a float64
         largest = np.abs(points).max(-1)
         known = np.isfinite(largest) & (largest > 0)
@@ -78,7 +75,6 @@ class Mei(Lens):
         return np.where(valid[..., None], np.stack([u, v], -1), np.nan), valid
 
     def unproject(self, plane: FloatArray) -> FloatArray:
-        """See `Lens.unproject`."""
         x, y, valid = self.distortion.undistort(plane[..., 0], plane[..., 1])
         return np.where(valid[..., None], np.stack(self._from_plane(x, y), -1), np.nan)
 

@@ -43,23 +43,19 @@ class RadialLens(Lens):
 
     @property
     def max_angle_rad(self) -> float:
-        """See `Lens.max_angle_rad`."""
         return self._end
 
     @property
     def axis_slope(self) -> float:
-        """See `Lens.axis_slope`."""
         return float(self.radius_slope(np.zeros(1))[0])
 
     def project(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """See `Lens.project`."""
         angle, x, y = angle_and_heading(points)
         valid = np.isfinite(points).all(-1) & (angle <= self.max_angle_rad * EDGE)
         radius = self.radius(np.where(valid, angle, 0.0))
         return np.where(valid[..., None], np.stack([radius * x, radius * y], -1), np.nan), valid
 
     def unproject(self, plane: FloatArray) -> FloatArray:
-        """See `Lens.unproject`."""
         x, y = plane[..., 0], plane[..., 1]
         radius = np.hypot(x, y)
         angle, valid = self._inverse(radius)
@@ -87,16 +83,13 @@ class OpenCVFisheye(RadialLens):
 
     @property
     def widest_rad(self) -> float:
-        """See `RadialLens.widest_rad`."""
         # straight behind the camera all headings meet
         return min(math.radians(self.max_angle_deg), math.pi * (1 - 1e-6))
 
     def radius(self, angle: FloatArray) -> FloatArray:
-        """See `RadialLens.radius`."""
         a2 = angle * angle
         return angle * (1 + a2 * (self.k1 + a2 * (self.k2 + a2 * (self.k3 + a2 * self.k4))))
 
     def radius_slope(self, angle: FloatArray) -> FloatArray:
-        """See `RadialLens.radius_slope`."""
         a2 = angle * angle
         return np.asarray(1 + a2 * (3 * self.k1 + a2 * (5 * self.k2 + a2 * (7 * self.k3 + a2 * 9 * self.k4))))

@@ -48,16 +48,13 @@ class OpenCVPinhole(Lens):
 
     @property
     def max_angle_rad(self) -> float:
-        """See `Lens.max_angle_rad`."""
         return math.atan(self.distortion.radius)
 
     @property
     def axis_slope(self) -> float:
-        """1: see `Lens.axis_slope`."""
         return 1.0
 
     def project(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """See `Lens.project`."""
         z = points[..., 2]
         ahead = (z > 0) & np.isfinite(points).all(-1)
         safe = np.where(ahead, z, 1.0)
@@ -67,7 +64,6 @@ class OpenCVPinhole(Lens):
         return np.where(valid[..., None], np.stack([x, y], -1), np.nan), valid
 
     def unproject(self, plane: FloatArray) -> FloatArray:
-        """See `Lens.unproject`."""
         x, y, valid = self.distortion.undistort(plane[..., 0], plane[..., 1])
         length = np.sqrt(x * x + (y * y + 1))
         return np.where(valid[..., None], np.stack([x / length, y / length, 1 / length], -1), np.nan)

@@ -41,18 +41,15 @@ class Pinhole(Lens):
 
     @property
     def axis_slope(self) -> float:
-        """1: see `Lens.axis_slope`."""
         return 1.0
 
     def project(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """See `Lens.project`."""
         z = points[..., 2]
         valid = (z > 0) & np.isfinite(points).all(-1)
         plane = points[..., :2] / np.where(valid, z, 1.0)[..., None]
         return np.where(valid[..., None], plane, np.nan), valid
 
     def unproject(self, plane: FloatArray) -> FloatArray:
-        """See `Lens.unproject`."""
         x, y = plane[..., 0], plane[..., 1]
         length = np.sqrt(x * x + (y * y + 1))
         with np.errstate(invalid="ignore"):

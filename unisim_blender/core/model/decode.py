@@ -44,7 +44,6 @@ class SampleColours(nn.Module):
     """Head in place of `RayHead` for samples with colours: their composited colours (N, 3)."""
 
     def forward(self, feature: Tensor, directions: Tensor, camera: Tensor) -> Tensor:
-        """See `RayHead`."""
         return feature[:, :3]
 
 
@@ -54,7 +53,6 @@ class NoDecoder(nn.Module):
     reach = 0
 
     def forward(self, features: Tensor) -> Tensor:
-        """See `CameraDecoder`."""
         return features.clamp(0, 1)
 
 

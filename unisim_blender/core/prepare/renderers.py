@@ -59,7 +59,6 @@ class SurfelMethod(RenderMethod):
         return Renderer(self.backend(scene, log, recipe.frames, recipe.quality), recipe.shadows)
 
     def states(self, recipe: RendererRecipe, drive: Drive) -> CaptureStates:
-        """See `RenderMethod.states`."""
         states = DriveStates(drive, parked_boxes(open_log(recipe.log).drive))
         return CaptureStates(states, reach_of(recipe.shadows), sees_all=self.sees_all)
 
@@ -96,7 +95,6 @@ class TrainedMethod(RenderMethod):
 
     @property
     def about(self) -> str:  # type: ignore[override]
-        """See `RenderMethod`."""
         return f"a scene trained as {self.name}"
 
     def check_inputs(self, log: Path, scene: Scene | None) -> None:
@@ -112,13 +110,11 @@ class TrainedMethod(RenderMethod):
         return Renderer(load_backend(recipe.scene, recipe.others, recipe.quality, recipe.device), recipe.shadows)
 
     def digests(self, recipe: RendererRecipe, drive: Drive) -> dict[str, str]:
-        """See `RenderMethod.digests`."""
         assert recipe.scene is not None
         others = {name: scene.digest for name, scene in recipe.others.items()}
         return {"": recipe.scene.digest, **others, **mesh_digests(drive)}
 
     def states(self, recipe: RendererRecipe, drive: Drive) -> CaptureStates:
-        """See `RenderMethod.states`."""
         assert recipe.scene is not None
         return CaptureStates(DriveStates(drive, recipe.scene.header.parked), reach_of(recipe.shadows))
 

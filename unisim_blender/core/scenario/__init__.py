@@ -110,7 +110,10 @@ def plain(value: Any) -> Any:
     """Return a part of a scenario as a JSON value, without members that are None."""
     if is_dataclass(value):
         head = {"type": value.type} if hasattr(value, "type") else {}
-        members = {item.name: getattr(value, item.name) for item in fields(value)}
+        own_first = sorted(
+            fields(value), key=lambda item: bool(item.kw_only)
+        )  # members of a base are written after its own
+        members = {item.name: getattr(value, item.name) for item in own_first}
         return head | {key: plain(member) for key, member in members.items() if member is not None}
     if isinstance(value, tuple):
         return [plain(item) for item in value]

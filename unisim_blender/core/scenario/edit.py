@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from ..registry import Registry
-from .json_schema import Schema
+from .json_schema import Schema, state_members
 
 if TYPE_CHECKING:
     from ..world.drive import Drive
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 class Edit(ABC):
     """A change of a drive: a frozen dataclass. Its fields are the members of the document, None where one is missing.
 
-    A subclass defines how it is written (`type`, `members`), checks that a schema cannot express
+    A subclass defines how it is written (`type`, its fields), checks that a schema cannot express
     (`check`), its effect (`apply`), and which reader derives it from a Blender scene (`seen_by`). `register` adds it to
     the edits that scenarios may have.
     """
@@ -28,7 +28,8 @@ class Edit(ABC):
     type: ClassVar[str]
     """Its name in a document."""
     members: ClassVar[Mapping[str, Schema]]
-    """The JSON Schema of each field; fields without a default are required."""
+    """The JSON Schema of each field, which follows from its type (`json_schema.schema_of`) unless it is stated; fields
+    without a default are required."""
     former_names: ClassVar[Mapping[str, str]] = {}
     """Names that members had in earlier documents, which are read as the current ones: {former: current}."""
     meshes: ClassVar[tuple[str, ...]] = ()
@@ -62,12 +63,11 @@ EditKindT = TypeVar("EditKindT", bound=type[Edit])
 def register(kind: EditKindT) -> EditKindT:
     """Register an edit: scenarios that have it can then be read and checked. Raises `TypeError` for an
     incomplete class, `ValueError` for a name that is taken."""
-    stated, field_names = set(kind.members), {field.name for field in fields(kind)}
-    if stated != field_names:
-        raise TypeError(f'edit "{kind.type}": members {sorted(stated)} are not its fields {sorted(field_names)}')
-    if stated & kind.former_names.keys() or not stated >= set(kind.former_names.values()):
+    state_members(kind, "edit")
+    members = kind.members.keys()
+    if members & kind.former_names.keys() or not members >= set(kind.former_names.values()):
         raise TypeError(
-            f'edit "{kind.type}": former names {dict(kind.former_names)} do not lead to its members {sorted(stated)}'
+            f'edit "{kind.type}": former names {dict(kind.former_names)} do not lead to its members {sorted(members)}'
         )
     EDITS.register(kind)
     return kind

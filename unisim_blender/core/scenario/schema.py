@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import MISSING, fields
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from ..errors import ScenarioError
 from . import simulation, time_range, types
 from .checks import check_limits, place_in
 from .edit import EDITS, Edit
-from .json_schema import Schema, members_of, ref
+from .json_schema import Schema, about_of, choice_of, members_of, ref, required_fields
 from .motion import keys, placement
 from .sensors import document as sensors
 
@@ -33,10 +32,6 @@ def scenario_schema() -> dict[str, Any]:
 
 @cache
 def _schema(kinds: tuple[type[Edit], ...]) -> dict[str, Any]:
-    chosen = [
-        {"if": {"properties": {"type": {"const": kind.type}}, "required": ["type"]}, "then": ref(kind.type)}
-        for kind in kinds
-    ]
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": f"UniSim scenario, version {VERSION}",
@@ -52,12 +47,7 @@ def _schema(kinds: tuple[type[Edit], ...]) -> dict[str, Any]:
             **time_range.DEFS,
             **sensors.DEFS,
             **simulation.DEFS,
-            "edit": {
-                "type": "object",
-                "required": ["type"],
-                "properties": {"type": {"enum": [kind.type for kind in kinds]}},
-                "allOf": chosen,
-            },
+            "edit": choice_of({kind.type: ref(kind.type) for kind in kinds}),
             **{kind.type: edit_schema(kind) for kind in kinds},
         },
     }
@@ -68,9 +58,7 @@ def edit_schema(kind: type[Edit]) -> Schema:
 
     A member with a former name may be given by either of the two names, but not by both.
     """
-    required = [field.name for field in fields(kind) if field.default is MISSING]
-    about = " ".join((kind.__doc__ or "").partition("\n\n")[0].split())
-    renamed = set(kind.former_names.values())
+    required, renamed = required_fields(kind), set(kind.former_names.values())
     former = {
         name: {**kind.members[current], "deprecated": True, "description": f"Former name of `{current}`, read as that."}
         for name, current in kind.former_names.items()
@@ -86,7 +74,7 @@ def edit_schema(kind: type[Edit]) -> Schema:
     schema = members_of(
         {"type": {"const": kind.type}, **kind.members, **former},
         ["type", *(name for name in required if name not in renamed)],
-        about,
+        about_of(kind),
     )
     return {**schema, "allOf": either} if either else schema
 

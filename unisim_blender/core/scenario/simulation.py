@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 from .checks import require
-from .json_schema import NOT_NEGATIVE, NUMBER, POSITIVE, TEXT, Schema, members_of, ref
+from .json_schema import NOT_NEGATIVE, NUMBER, POSITIVE, TEXT, NotNegative, Schema, SchemaOf, object_of, ref
 
 OTHER_ACTORS = "*"
 """Name of all moving actors that are not named."""
+DELAY: Schema = {**NOT_NEGATIVE, "maximum": 10}
+VEHICLE: Schema = {"type": "object", "description": "Parameters of the ego vehicle."}
+ACTORS: Schema = {
+    "type": "object",
+    "propertyNames": TEXT,
+    "additionalProperties": {"type": "object", "required": ["type"], "properties": {"type": TEXT}},
+    "description": 'Models of actors by id; "*" is that of all moving ones that are not named.',
+}
+RATES: Schema = {"type": "object", "propertyNames": TEXT, "additionalProperties": ref("rate")}
+
+
+def _said(about: str, schema: Schema = NUMBER) -> SchemaOf:
+    return SchemaOf({**schema, "description": about})
 
 
 @dataclass(frozen=True)
@@ -17,7 +30,7 @@ class RateSpec:
     """Capture times of a sensor: at ``phase_s`` and every ``period_s`` after it. A missing value is the recorded
     one."""
 
-    period_s: float | None = None
+    period_s: Annotated[float, SchemaOf({"type": "number", "minimum": 0.001, "maximum": 1000})] | None = None
     phase_s: float | None = None
 
 
@@ -28,11 +41,11 @@ class Jitter:
     The ego vehicle starts further along or aside, turned, or at another speed; actors start earlier or later.
     """
 
-    ego_along_m: float | None = None
-    ego_aside_m: float | None = None
-    ego_yaw_deg: float | None = None
-    ego_speed_m_s: float | None = None
-    actors_s: float | None = None
+    ego_along_m: NotNegative | None = None
+    ego_aside_m: NotNegative | None = None
+    ego_yaw_deg: NotNegative | None = None
+    ego_speed_m_s: NotNegative | None = None
+    actors_s: NotNegative | None = None
 
 
 @dataclass(frozen=True)
@@ -42,47 +55,22 @@ class SimulationSpec:
     ``vehicle`` holds parameters of `vehicle.Vehicle`, ``actors`` the models of actors by id, "*" for the others.
     """
 
-    start_s: float | None = None
-    duration_s: float | None = None
-    step_s: float | None = None
-    delay_s: float | None = None
+    start_s: Annotated[float, _said("When it starts. Where missing: at the first frame.")] | None = None
+    duration_s: Annotated[float, _said("Where missing: to the last frame.", POSITIVE)] | None = None
+    step_s: Annotated[float, SchemaOf({"type": "number", "minimum": 0.01, "maximum": 10})] | None = None
+    delay_s: Annotated[float, _said("So much later an answer of the driver takes effect.", DELAY)] | None = None
     seed: int | None = None
-    vehicle: dict[str, Any] | None = field(default=None, hash=False)
-    actors: dict[str, dict[str, Any]] | None = field(default=None, hash=False)
-    rates: dict[str, RateSpec] | None = field(default=None, hash=False)
+    vehicle: Annotated[dict[str, Any], SchemaOf(VEHICLE)] | None = field(default=None, hash=False)
+    actors: Annotated[dict[str, dict[str, Any]], SchemaOf(ACTORS)] | None = field(default=None, hash=False)
+    rates: Annotated[dict[str, RateSpec], SchemaOf(RATES)] | None = field(default=None, hash=False)
     jitter: Jitter | None = None
 
 
 DEFS: dict[str, Schema] = {
-    "simulation": members_of(
-        {
-            "start_s": {**NUMBER, "description": "When it starts. Where missing: at the first frame."},
-            "duration_s": {**POSITIVE, "description": "Where missing: to the last frame."},
-            "step_s": {"type": "number", "minimum": 0.01, "maximum": 10},
-            "delay_s": {
-                **NOT_NEGATIVE,
-                "maximum": 10,
-                "description": "So much later an answer of the driver takes effect.",
-            },
-            "seed": {"type": "integer", "minimum": 0},
-            "vehicle": {"type": "object", "description": "Parameters of the ego vehicle."},
-            "actors": {
-                "type": "object",
-                "propertyNames": TEXT,
-                "additionalProperties": {"type": "object", "required": ["type"], "properties": {"type": TEXT}},
-                "description": 'Models of actors by id; "*" is that of all moving ones that are not named.',
-            },
-            "rates": {"type": "object", "propertyNames": TEXT, "additionalProperties": ref("rate")},
-            "jitter": ref("jitter"),
-        },
-        (),
-        "How the scenario is simulated with a driver (`unisim drive`).",
-    ),
-    "rate": members_of({"period_s": {"type": "number", "minimum": 0.001, "maximum": 1000}, "phase_s": NUMBER}, ()),
-    "jitter": members_of(
-        dict.fromkeys(("ego_along_m", "ego_aside_m", "ego_yaw_deg", "ego_speed_m_s", "actors_s"), NOT_NEGATIVE),
-        (),
-        "Starts are drawn evenly, up to these values to either side of where they were recorded.",
+    "simulation": object_of(SimulationSpec, "How the scenario is simulated with a driver (`unisim drive`)."),
+    "rate": object_of(RateSpec),
+    "jitter": object_of(
+        Jitter, "Starts are drawn evenly, up to these values to either side of where they were recorded."
     ),
 }
 

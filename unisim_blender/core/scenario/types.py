@@ -5,13 +5,16 @@ Units are the document's own: metres, seconds, degrees. `docs/reference/scenario
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 from ..remote.copies import local_path
 from ..remote.requests import is_url
+from ..sensors.frames import CAMERA_PASSES
 from .edit import Edit
-from .json_schema import FRAME, PATH, PIXELS, TEXT, Schema, members_of, ref
+from .json_schema import FRAME, PATH, TEXT, FilePath, Pixels, Schema, SchemaOf, object_of, ref
 from .motion.placement import BoxSpec
 from .sensors.document import Sensors
 from .simulation import SimulationSpec
@@ -27,15 +30,23 @@ class FrameRange:
 
     start: int | None = None
     stop: int | None = None
-    step: int | None = None
+    step: Annotated[int, SchemaOf({"type": "integer", "minimum": 1})] | None = None
+
+
+STREET: Schema = {
+    "type": "object",
+    "additionalProperties": {"type": ["number", "string"]},
+    "propertyNames": {"pattern": "^[a-z][a-z0-9-]*$"},
+    "description": "Options of `unisim synth` that make the log.",
+}
 
 
 @dataclass(frozen=True)
 class StreetLog:
     """A street's folder, and the options of `unisim synth` that make it."""
 
-    path: str
-    street: dict[str, float | str]
+    path: FilePath
+    street: Annotated[dict[str, float | str], SchemaOf(STREET)]
 
 
 FRAME_FORMATS = {
@@ -56,14 +67,18 @@ SEQUENCE_FORMATS = {
 """Formats that are made of a whole sequence, after its frames, and what they are."""
 
 
+def _names(choices: Iterable[str]) -> Schema:
+    return {"type": "array", "items": {"enum": list(choices)}, "uniqueItems": True}
+
+
 @dataclass(frozen=True)
 class Outputs:
     """Settings of the outputs that are written; None leaves the choice to the renderer."""
 
-    passes: tuple[str, ...] | None = None
-    formats: tuple[str, ...] | None = None
-    width: int | None = None
-    quality: str | None = None
+    passes: Annotated[tuple[str, ...], SchemaOf({**_names(CAMERA_PASSES), "minItems": 1})] | None = None
+    formats: Annotated[tuple[str, ...], SchemaOf(_names([*FRAME_FORMATS, *SEQUENCE_FORMATS]))] | None = None
+    width: Pixels | None = None
+    quality: Annotated[str, SchemaOf({"enum": ["fast", "balanced", "fine", "reference"]})] | None = None
     contact_shadows: bool | None = None
 
 
@@ -94,7 +109,6 @@ class Scenario:
 
     @property
     def log_path(self) -> Path:
-        """The log's folder."""
         return self.resolve(self.log_name)
 
     @property
@@ -109,41 +123,9 @@ class Scenario:
 
 
 DEFS: dict[str, Schema] = {
-    "street_log": members_of(
-        {
-            "path": PATH,
-            "street": {
-                "type": "object",
-                "additionalProperties": {"type": ["number", "string"]},
-                "propertyNames": {"pattern": "^[a-z][a-z0-9-]*$"},
-                "description": "Options of `unisim synth` that make the log.",
-            },
-        },
-        ["path", "street"],
-    ),
-    "frame_range": members_of(
-        {"start": FRAME, "stop": FRAME, "step": {"type": "integer", "minimum": 1}},
-        (),
-        "From start (the first) up to but without stop (past the last).",
-    ),
-    "outputs": members_of(
-        {
-            "passes": {
-                "type": "array",
-                "items": {"enum": ["rgb", "depth", "normal", "instance", "opacity", "unsupported"]},
-                "minItems": 1,
-                "uniqueItems": True,
-            },
-            "formats": {
-                "type": "array",
-                "items": {"enum": [*FRAME_FORMATS, *SEQUENCE_FORMATS]},
-                "uniqueItems": True,
-            },
-            "width": PIXELS,
-            "quality": {"enum": ["fast", "balanced", "fine", "reference"]},
-            "contact_shadows": {"type": "boolean"},
-        }
-    ),
+    "street_log": object_of(StreetLog),
+    "frame_range": object_of(FrameRange, "From start (the first) up to but without stop (past the last)."),
+    "outputs": object_of(Outputs),
 }
 MEMBERS: dict[str, Schema] = {
     "name": TEXT,

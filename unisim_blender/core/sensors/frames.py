@@ -65,19 +65,12 @@ class CameraFrame:
     def blank(self, shown: BoolArray) -> None:
         """Make the frame black and empty where ``shown`` (H, W) is False; colours in place of the array that is
         there."""
-        self.rgb = np.where(shown[..., None], self.rgb, np.float32(0))
-        if self.depth_m is not None:
-            self.depth_m = np.where(shown, self.depth_m, np.float32(np.inf))
-        if self.z_depth_m is not None:
-            self.z_depth_m = np.where(shown, self.z_depth_m, np.float32(np.inf))
-        if self.normal is not None:
-            self.normal = np.where(shown[..., None], self.normal, np.float32(0))
-        if self.instance is not None:
-            self.instance = np.where(shown, self.instance, np.int32(0))
-        if self.opacity is not None:
-            self.opacity = np.where(shown, self.opacity, np.float32(0))
-        if self.unsupported is not None:
-            self.unsupported = self.unsupported | ~shown
+        empty = dict.fromkeys(("rgb", "normal", "instance", "opacity"), 0.0)
+        for name, nothing in {**empty, "depth_m": np.inf, "z_depth_m": np.inf, "unsupported": True}.items():
+            array = getattr(self, name)
+            if array is not None:
+                there = shown[..., None] if array.ndim == 3 else shown
+                setattr(self, name, np.where(there, array, array.dtype.type(nothing)))
 
 
 @dataclass

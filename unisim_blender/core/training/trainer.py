@@ -151,7 +151,6 @@ class Trainer(TrainingSetup):
         return {name: tensor.grad for name, tensor in named.items() if tensor.grad is not None}
 
     def load_deferred_gradients(self, deferred: dict[str, Tensor]) -> None:
-        """The inverse of `deferred_gradients`."""
         parameters = [p for group in self.slow.param_groups for p in group["params"]]
         self._deferred = None
         for name, value in deferred.items():
@@ -167,4 +166,8 @@ class Trainer(TrainingSetup):
         for group in (*self.optimiser.param_groups, *self.slow.param_groups):
             first, last = group["rates"]
             warm = min(1.0, (self.iteration + 1) / 100)
-            group["lr"] = warm * first * (last / first) ** done * LAST_RATE ** self._anneal(done)
+            rate = warm * first * (last / first) ** done * LAST_RATE ** self._anneal(done)
+            if isinstance(group["lr"], Tensor):
+                group["lr"].fill_(rate)
+            else:
+                group["lr"] = rate

@@ -43,7 +43,7 @@ def about() -> dict[str, Any]:
 
 def _device_bytes() -> int:
     if not cuda_driver.missing():
-        return cuda_driver.gpu().total_bytes()
+        return cuda_driver.gpu(0).total_bytes()
     import torch
 
     return int(torch.cuda.get_device_properties(0).total_memory)

@@ -48,7 +48,6 @@ class Polyline:
 
     @property
     def length_m(self) -> float:
-        """The length from the first point to the last."""
         return float(self.along_m[-1] - self.along_m[0])
 
     @cached_property

@@ -15,7 +15,7 @@ from ...core.scenario import build, plain
 from ...core.scenario.context import EditContext, with_actor
 from ...core.scenario.edit import EDITS, Edit
 from ...core.scenario.edits import Duplicate, Follow, Insert, InsertMesh, Move
-from ...core.scenario.motion.keys import ACTOR_PATH
+from ...core.scenario.motion.keys import PATH_MEMBERS
 from ...core.scenario.motion.maneuvers import Maneuver
 from ...core.scenario.motion.trajectories import beside
 from ...core.scenario.types import Scenario
@@ -24,7 +24,7 @@ from ..sampled.scene import SampledObject, near, same
 from ..sampled.source import scene_actors
 from .reader import GROUPS, ActorEditContext, ReadContext
 
-PATH = (*ACTOR_PATH, "offset_m", "world_offset_m", "later_s", "ahead_m", "turn_deg", "time_offset_s")
+PATH = (*PATH_MEMBERS, "offset_m", "world_offset_m", "later_s", "ahead_m", "turn_deg", "time_offset_s")
 """Members of edits that say where an actor goes."""
 PLACED = Move | Duplicate | Insert | InsertMesh
 

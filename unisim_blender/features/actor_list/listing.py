@@ -17,8 +17,9 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ...bridge.objects.imported import has_drive, imported_objects, originals, source_of
-from ...bridge.views.actors import poses_of, track_of
-from ...bridge.window import redraw
+from ...bridge.objects.trajectories import keyed_poses
+from ...bridge.views.actors import track_of
+from ...bridge.window import redraw, run_soon
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
 from ...editing.actors.table import ActorFilter, ActorTrack, Entry, chosen_entries, values_at
@@ -122,7 +123,7 @@ def _bring_up(scene: bpy.types.Scene, table: ActorListing, busy_s: float) -> boo
             return False
     ego = next(imported_objects(scene, "EGO"), None)
     table.ego = (
-        poses_of(ego, table.clock.frames)[:, :3, 3] if ego is not None else np.zeros((len(table.clock.frames), 3))
+        keyed_poses(ego, table.clock.frames)[:, :3, 3] if ego is not None else np.zeros((len(table.clock.frames), 3))
     )
     _show_values(scene, table, actors)
     return True
@@ -156,8 +157,7 @@ def hidden(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
 def refresh_soon(scene: bpy.types.Scene) -> None:
     """Have a scene's table brought up to date; without a window nobody looks at it."""
     _changed.add(scene.session_uid)
-    if not bpy.app.background and not bpy.app.timers.is_registered(_turn):
-        bpy.app.timers.register(_turn, first_interval=0.0)
+    run_soon(_turn)
 
 
 def importing() -> bool:
@@ -233,12 +233,4 @@ HANDLERS = (
 TIMERS = (_turn,)
 
 
-def register() -> None:
-    """Begin to follow."""
-    start_again()
-
-
-def unregister() -> None:
-    """Forget the tables."""
-    _tables.clear()
-    _changed.clear()
+register = start_again

@@ -1,20 +1,20 @@
 """Operators of the actor list and the presence timeline, and the filter of both."""
 
 import math
+from dataclasses import replace
 
 import bpy
 import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 from mathutils import Euler
 
-from ...bridge.objects.imported import imported_objects, source_of
-from ...bridge.window import allowed, choose, drive, object_mode
-from ...core.errors import UnisimError
-from ...editing.actors.table import nearest_present
+from ...bridge.objects.imported import drive_of, imported_objects
+from ...bridge.window import choose, drive, object_mode
+from ...editing.actors.table import ActorFilter, nearest_present
 from ...editing.sampled.clock import Clock
 from ...editing.texts import translatable
 from ...translations import message
-from ..operator_bases import Needing
+from ..operator_bases import Editing, Needing
 from ..sidebar import switch_of
 from . import listing
 
@@ -35,8 +35,10 @@ ORDERS = (
 TILT_RAD = math.radians(62)
 """A view that leaves its camera for an actor looks along the street from behind and above, so far
 from straight down."""
-NEAR_M, FAR_M = 25.0, 60.0
+VIEW_M, FAR_M = 25.0, 60.0
 """Its distance from the actor; a view that was free keeps its own, up to the second."""
+NEAR_M = 50.0
+"""The distance that the filter begins with."""
 
 
 def changed(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
@@ -47,11 +49,10 @@ def changed(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
 
 def active_place(self: bpy.types.PropertyGroup) -> int:
     """Return which of the scene's objects is the active actor; -1 where none is."""
-    context = bpy.context
-    obj = context.view_layer.objects.active if context.view_layer is not None else None
+    obj = bpy.context.view_layer.objects.active if bpy.context.view_layer is not None else None
     if obj is None or obj.unisim.kind != "ACTOR" or not obj.select_get():
         return -1
-    return listing.table_of(context.scene).places.get(obj.session_uid, -1)
+    return listing.table_of(bpy.context.scene).places.get(obj.session_uid, -1)
 
 
 def choose_place(self: bpy.types.PropertyGroup, place: int) -> None:
@@ -59,10 +60,6 @@ def choose_place(self: bpy.types.PropertyGroup, place: int) -> None:
     objects = bpy.context.scene.objects
     if 0 <= place < len(objects):
         bpy.ops.unisim.choose_actor("EXEC_DEFAULT", True, name=objects[place].name)
-
-
-NEAR_M = 50.0
-"""The distance that the filter begins with."""
 
 
 class UniSimActorList(bpy.types.PropertyGroup):
@@ -105,7 +102,6 @@ class UniSimActorList(bpy.types.PropertyGroup):
 class UNISIM_OT_choose_actor(Needing, bpy.types.Operator):
     """Select an actor and make it active"""
 
-    bl_idname = "unisim.choose_actor"
     bl_label = "Select Actor"
     bl_options = {"UNDO", "INTERNAL"}
     needs = (object_mode, drive)
@@ -145,11 +141,10 @@ class UNISIM_OT_choose_actor(Needing, bpy.types.Operator):
 def frame_to_show(context: bpy.types.Context, obj: bpy.types.Object, seconds: float, jump: bool) -> int | None:
     """Return the frame to go to for an actor: that of ``seconds`` where they are not negative, else the nearest at
     which it is there; None where the frame stays."""
-    scene = context.scene
-    try:
-        clock = Clock.of(source_of(scene).drive)
-    except (UnisimError, OSError):
+    scene, drive = context.scene, drive_of(context.scene)
+    if drive is None:
         return None
+    clock = Clock.of(drive)
     if seconds >= 0:
         return int(round(float(clock.frame(np.array(seconds)))))
     entry = listing.table_of(scene).entries.get(obj.session_uid)
@@ -170,7 +165,7 @@ def turn_to(context: bpy.types.Context, obj: bpy.types.Object) -> None:
         heading = ego.matrix_world.to_euler().z if ego is not None else 0.0
         looks.view_perspective = "PERSP"
         looks.view_rotation = Euler((TILT_RAD, 0.0, heading - math.pi / 2)).to_quaternion()
-        looks.view_distance = NEAR_M
+        looks.view_distance = VIEW_M
     looks.view_location = obj.matrix_world.translation
     looks.view_distance = min(looks.view_distance, FAR_M)
 
@@ -188,14 +183,12 @@ def in_image(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
 class UNISIM_OT_hide_actor(bpy.types.Operator):
     """Hide or show an actor in the view; images and sweeps are not affected"""
 
-    bl_idname = "unisim.hide_actor"
     bl_label = "Hide Actor in the View"
     bl_options = {"UNDO", "INTERNAL"}
 
     name: StringProperty(name="Actor", description="The object's name")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """As H and Alt-H do, for one object."""
         obj = context.view_layer.objects.get(self.name)
         if obj is None:
             self.report({"WARNING"}, message('"{name}" is not in this view layer', name=self.name))
@@ -204,59 +197,43 @@ class UNISIM_OT_hide_actor(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_clear_actor_filter(bpy.types.Operator):
+def is_filtered(manager: bpy.types.WindowManager) -> bool:
+    """Return whether the list leaves actors out."""
+    return replace(listing.filter_of(manager), order="NAME") != ActorFilter()
+
+
+class UNISIM_OT_clear_actor_filter(Needing, bpy.types.Operator):
     """List all actors again"""
 
-    bl_idname = "unisim.clear_actor_filter"
     bl_label = "Clear Filter"
     bl_options = {"INTERNAL"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Something has to be filtered."""
-        about = context.window_manager.unisim_actors
-        filtered = about.text or about.group != "ALL" or about.within_m or about.now or about.edited
-        return allowed(cls, (filtered, "All actors are listed already"))
+    needs = (lambda context: (is_filtered(context.window_manager), "All actors are listed already"),)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """As it is at first."""
         about = context.window_manager.unisim_actors
         about.text, about.group, about.within_m, about.now, about.edited = "", "ALL", 0.0, False, False
         return {"FINISHED"}
 
 
-class UNISIM_OT_select_listed(bpy.types.Operator):
+class UNISIM_OT_select_listed(Editing, bpy.types.Operator):
     """Select all actors that are listed and visible in the view"""
 
-    bl_idname = "unisim.select_listed"
     bl_label = "Select Listed"
-    bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Something has to be listed."""
-        listed = listing.table_of(context.scene).shown
-        return allowed(cls, object_mode(context), drive(context), (listed, "No actor is listed: clear the filter"))
+    needs = (
+        object_mode,
+        drive,
+        lambda context: (listing.table_of(context.scene).shown, "No actor is listed: clear the filter"),
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Select them and nothing else."""
         keys = {entry.key for entry in listing.refresh_now(context.scene).shown}
         actors = [
             obj for obj in imported_objects(context.scene, "ACTOR") if obj.session_uid in keys and obj.visible_get()
         ]
         choose(context, *actors)
-        said = message(
-            "{number} of {count} listed actors are visible and selected", number=len(actors), count=len(keys)
-        )
-        self.report({"INFO"}, said)
+        said = translatable("{number} of {count} listed actors are visible and selected")
+        self.report({"INFO"}, message(said, number=len(actors), count=len(keys)))
         return {"FINISHED"}
 
 
-CLASSES = (
-    UniSimActorList,
-    UNISIM_OT_choose_actor,
-    UNISIM_OT_hide_actor,
-    UNISIM_OT_clear_actor_filter,
-    UNISIM_OT_select_listed,
-)
 PROPERTIES = ((bpy.types.WindowManager, "unisim_actors", PointerProperty(type=UniSimActorList)),)

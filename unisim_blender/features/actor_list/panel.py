@@ -103,7 +103,6 @@ class UNISIM_PT_actors(DrivePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the filter, the list, and what a click does."""
         layout, scene, wanted = self.layout, context.scene, context.window_manager.unisim_actors
         table = listing.table_of(scene)
         if table.problem:
@@ -137,6 +136,3 @@ class UNISIM_PT_actors(DrivePanel, bpy.types.Panel):
         row.prop(wanted, "jump", toggle=True)
         row.prop(wanted, "frame", toggle=True)
         layout.operator("unisim.select_listed", icon="RESTRICT_SELECT_OFF")
-
-
-CLASSES = (UNISIM_UL_actors, UNISIM_PT_actors)

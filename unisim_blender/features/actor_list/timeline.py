@@ -11,26 +11,12 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...editing.layout.timeline import (
-    BACKGROUND,
-    NOW_PX,
-    Timeline,
-    lay_out,
-    rectangles,
-    rows_text,
-    scrolled,
-    size_of,
-)
-from ...editing.texts import shortened
-from ...registering import Drawing, add, take_away
-from ...translations import localized
-from ...viewport.overlay_layout import WANTED, fill, overlay_layout
+from ...editing.layout.timeline import Timeline, lay_out, scrolled, shapes_of, size_of
+from ...registering import Drawing, Shortcut
+from ...viewport.overlay_layout import WANTED, draw_shapes, measure_at, overlay_layout
 from . import listing
 
-TEXT, FAINT_TEXT = (0.92, 0.92, 0.92, 1.0), (0.62, 0.62, 0.62, 1.0)
-TEXT_PX = 11.0
 WHEEL_ROWS = 3
-_keys: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
 
 
 def shown(context: bpy.types.Context) -> bool:
@@ -61,10 +47,6 @@ def wanted_size(context: bpy.types.Context) -> tuple[float, float] | None:
 
 def draw() -> None:
     """Called by Blender whenever a 3D view is drawn."""
-    import blf
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
     context = bpy.context
     timeline = timeline_of(context)
     if timeline is None:
@@ -73,42 +55,7 @@ def draw() -> None:
     now_s = float(table.clock.time_s(np.array(context.scene.frame_current_final))) if table.clock is not None else 0.0
     active = context.view_layer.objects.active
     key = active.session_uid if active is not None and active.select_get() else None
-    corners, colours = rectangles(timeline, now_s, key, scale)
-    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
-    batch = batch_for_shader(shader, "TRIS", {"pos": corners, "color": colours})
-    gpu.state.blend_set("ALPHA")
-    gpu.state.depth_test_set("NONE")
-    batch.draw(shader)
-    gpu.state.blend_set("NONE")
-    blf.size(0, TEXT_PX * scale)
-    for row, entry in enumerate(timeline.rows):
-        name = shortened(
-            entry.name + (" *" if entry.edited else ""),
-            timeline.start - timeline.left - 12 * scale,
-            lambda text: blf.dimensions(0, text)[0],
-        )
-        write(
-            blf,
-            name,
-            timeline.left + 6 * scale,
-            timeline.row_bottom(row) + 4 * scale,
-            TEXT if entry.there else FAINT_TEXT,
-        )
-    for time_s in timeline.ticks():
-        write(blf, f"{time_s:g}", timeline.x_of(time_s) + 3 * scale, timeline.rows_top + 5 * scale, FAINT_TEXT)
-    write(blf, localized(rows_text(timeline)), timeline.left + 6 * scale, timeline.rows_top + 5 * scale, FAINT_TEXT)
-    label = f"{now_s:.2f} s"
-    x = min(timeline.x_of(now_s) + 4 * scale, timeline.right - blf.dimensions(0, label)[0] - 4 * scale)
-    width = blf.dimensions(0, label)[0]
-    fill(x - 4 * scale, timeline.top, x + width + 4 * scale, timeline.top + NOW_PX * scale, BACKGROUND)
-    write(blf, label, x, timeline.top + 4 * scale, TEXT)
-
-
-def write(blf: Any, text: str, x: float, y: float, colour: tuple[float, ...]) -> None:
-    """Write a line of text with its lower left corner at x, y."""
-    blf.color(0, *colour)
-    blf.position(0, x, y, 0)
-    blf.draw(0, text)
+    draw_shapes(shapes_of(timeline, now_s, key, scale, measure_at(scale)), text_scale=scale)
 
 
 class UNISIM_GT_timeline(bpy.types.Gizmo):
@@ -147,7 +94,6 @@ class UNISIM_GT_timeline(bpy.types.Gizmo):
         return {"RUNNING_MODAL"}
 
     def exit(self, context: bpy.types.Context, cancel: bool) -> None:
-        """Nothing is to be put back."""
         self.timeline = None
 
 
@@ -172,11 +118,9 @@ class UNISIM_GGT_timeline(bpy.types.GizmoGroup):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """The timeline has to be drawn."""
         return shown(context)
 
     def setup(self, context: bpy.types.Context) -> None:
-        """One gizmo, as large as the timeline."""
         gizmo = self.gizmos.new(UNISIM_GT_timeline.bl_idname)
         gizmo.use_draw_modal = True
 
@@ -184,7 +128,6 @@ class UNISIM_GGT_timeline(bpy.types.GizmoGroup):
 class UNISIM_OT_scroll_timeline(bpy.types.Operator):
     """Scroll the presence timeline under the mouse"""
 
-    bl_idname = "unisim.scroll_timeline"
     bl_label = "Scroll Presence Timeline"
     bl_options = {"INTERNAL"}
 
@@ -192,7 +135,6 @@ class UNISIM_OT_scroll_timeline(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """The timeline has to be drawn."""
         return shown(context)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -205,27 +147,9 @@ class UNISIM_OT_scroll_timeline(bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (UNISIM_GT_timeline, UNISIM_GGT_timeline, UNISIM_OT_scroll_timeline)
 DRAWINGS = (Drawing(draw, "POST_PIXEL"),)
-
-
-def register() -> None:
-    """Take clicks and the wheel."""
-    add(CLASSES)
-    WANTED["timeline"] = wanted_size
-    configuration = bpy.context.window_manager.keyconfigs.addon
-    if configuration is not None:  # there is none without a window
-        keys = configuration.keymaps.new(name="3D View", space_type="VIEW_3D")
-        for wheel, rows in (("WHEELUPMOUSE", -WHEEL_ROWS), ("WHEELDOWNMOUSE", WHEEL_ROWS)):
-            item = keys.keymap_items.new(UNISIM_OT_scroll_timeline.bl_idname, wheel, "PRESS")
-            item.properties.rows = rows
-            _keys.append((keys, item))
-
-
-def unregister() -> None:
-    """Take none."""
-    WANTED.pop("timeline", None)
-    while _keys:
-        keys, item = _keys.pop()
-        keys.keymap_items.remove(item)
-    take_away(CLASSES)
+SHORTCUTS = tuple(
+    Shortcut("unisim.scroll_timeline", wheel, properties={"rows": rows}, keymap="3D View", editor="VIEW_3D")
+    for wheel, rows in (("WHEELUPMOUSE", -WHEEL_ROWS), ("WHEELDOWNMOUSE", WHEEL_ROWS))
+)
+WANTED["timeline"] = wanted_size

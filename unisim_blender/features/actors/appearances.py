@@ -18,9 +18,9 @@ from ...bridge.changes.motion import move_along, retimed
 from ...bridge.objects.animation import shown_by_keys
 from ...bridge.objects.imported import box_mesh, collection_of, new_actor, source_of
 from ...bridge.objects.meshes import size_of
-from ...bridge.objects.trajectories import span_of
+from ...bridge.objects.trajectories import keyed_poses, span_of
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.views.actors import ego_poses, neighbours, poses_of
+from ...bridge.views.actors import ego_poses, neighbours
 from ...bridge.window import Need, choose, chosen, drive, object_mode, refresh, selected
 from ...core.actor_images.names import group_of, readable_names
 from ...core.errors import UnisimError
@@ -35,7 +35,7 @@ from ...editing.motion.retiming import Retiming
 from ...editing.sampled.clock import Clock, recorded_poses
 from ...translations import interface, message
 from ..actor_list.operators import GROUPS
-from ..operator_bases import Needing, reporting
+from ..operator_bases import Editing, Needing, reporting
 from ..problems import draw_problem, fail
 from . import thumbnails
 
@@ -241,12 +241,10 @@ def trained(context: bpy.types.Context) -> Need:
     return bool(context.scene.unisim.scene), "Import or train a trained scene first"
 
 
-class UNISIM_OT_replace_appearance(Needing, _Chooses, bpy.types.Operator):
+class UNISIM_OT_replace_appearance(Editing, _Chooses, bpy.types.Operator):
     """Replace the appearance and the box of the selected actors by those of another actor, on the same trajectory"""
 
-    bl_idname = "unisim.replace_appearance"
     bl_label = "Replace Appearance"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor first", "ACTOR"), no_mesh)
 
     scene: StringProperty(
@@ -300,12 +298,10 @@ SLOW_GROUPS = ("PERSON", "CYCLE")
 """Classes that a vehicle's speed is too much for."""
 
 
-class UNISIM_OT_swap_class(Needing, bpy.types.Operator):
+class UNISIM_OT_swap_class(Editing, bpy.types.Operator):
     """Replace the selected actors by those of a class that are most like them in size, on their paths, at its speeds"""
 
-    bl_idname = "unisim.swap_class"
     bl_label = "Swap Class"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor first", "ACTOR"), no_mesh)
 
     group: EnumProperty(name="Class", description="Class of the new actor", items=GROUPS[1:])
@@ -344,7 +340,7 @@ def slow_down(obj: bpy.types.Object, speed_m_s: float, clock: Clock) -> None:
     there, span = shown_by_keys(obj, clock.frames), span_of(obj)
     if span is None or not there.any():
         return
-    fastest = np.nanmax(motion_of(poses_of(obj, clock.frames)[:, :3, 3], clock.times_s, there).speed_m_s)
+    fastest = np.nanmax(motion_of(keyed_poses(obj, clock.frames)[:, :3, 3], clock.times_s, there).speed_m_s)
     if fastest > speed_m_s:
         start_s = float(clock.time_s(np.array(span[0])))
         retimed(obj, Retiming("SPEED", 0.0, speed_m_s / float(fastest), start_s, 0.0).frames(clock))
@@ -395,12 +391,10 @@ def cursor_rotation(scene: bpy.types.Scene) -> Quaternion:
     return Quaternion(UP, heading_along(np.array(scene.cursor.location), paths))
 
 
-class UNISIM_OT_insert_actor(Needing, _Chooses, bpy.types.Operator):
+class UNISIM_OT_insert_actor(Editing, _Chooses, bpy.types.Operator):
     """Insert an actor of the drive or of a trained scene in front of the ego vehicle, or at the 3D cursor"""
 
-    bl_idname = "unisim.insert_actor"
     bl_label = "Insert Actor"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, drive)
 
     filepath: StringProperty(
@@ -467,7 +461,6 @@ class UNISIM_OT_insert_actor(Needing, _Chooses, bpy.types.Operator):
 class UNISIM_OT_insert_from(Needing, bpy.types.Operator, ImportHelper):
     """Choose another trained scene, and insert one of its actors"""
 
-    bl_idname = "unisim.insert_from"
     bl_label = "Insert from Another Scene"
     bl_options = {"INTERNAL"}
     needs = (object_mode, drive, trained)
@@ -482,6 +475,3 @@ class UNISIM_OT_insert_from(Needing, bpy.types.Operator, ImportHelper):
             self.report({"ERROR"}, str(fault).removeprefix("Error: ").strip())
             return {"CANCELLED"}
         return {"FINISHED"} if answer != {"CANCELLED"} else answer
-
-
-CLASSES = (UNISIM_OT_replace_appearance, UNISIM_OT_swap_class, UNISIM_OT_insert_actor, UNISIM_OT_insert_from)

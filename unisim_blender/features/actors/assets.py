@@ -1,8 +1,9 @@
 """Actors in the Asset Browser, with their own images."""
 
 import queue
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -10,27 +11,28 @@ from bpy.props import StringProperty
 from numpy.typing import NDArray
 
 from ...bridge.objects.imported import new_actor, source_of
-from ...bridge.window import allowed, drive
+from ...bridge.window import drive
 from ...core.errors import UnisimError
 from ...editing.actors.portraits import portrait_request
 from ...editing.actors.table import names_at_import
 from ...editing.sampled.scene import size_text
-from ...editing.sampled.source import DriveSource
 from ...preferences import device, interpreter
 from ...process.client import client
 from ...translations import message
-from ..operator_bases import reporting
+from ..operator_bases import InSteps, Needing
+from .appearances import trained
 
 POLL_S = 0.1
 TAG = "UniSim"
 
 
-class UNISIM_OT_make_library(bpy.types.Operator):
+class UNISIM_OT_make_library(InSteps, Needing, bpy.types.Operator):
     """Write the actors of the trained scene to a .blend file of assets"""
 
-    bl_idname = "unisim.make_library"
     bl_label = "Make Actor Library"
     bl_options = {"REGISTER"}
+    needs = (drive, trained)
+    blocks = False
 
     filepath: StringProperty(
         subtype="FILE_PATH",
@@ -38,102 +40,65 @@ class UNISIM_OT_make_library(bpy.types.Operator):
     )
     filter_glob: StringProperty(default="*.blend", options={"HIDDEN"})
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A trained scene has to be there."""
-        return allowed(cls, drive(context), (context.scene.unisim.scene, "Import or train a trained scene first"))
-
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for the file."""
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
+        return self.ask_for_path(context)
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Portraits come from the worker one after the other."""
-        source = source_of(context.scene)
-        path = Path(self.filepath).with_suffix(".blend")
-        self.steps = make_library(source, path)
-        if bpy.app.background:
-            return self.finish(list(self.steps)[-1])
-        self.timer = context.window_manager.event_timer_add(POLL_S, window=context.window)
-        context.window_manager.modal_handler_add(self)
-        return {"RUNNING_MODAL"}
-
-    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """A look at each tick whether the next portrait has come."""
-        if event.type == "ESC":
-            self.steps.close()
-            return self.end(context, {"CANCELLED"})
-        if event.type != "TIMER":
-            return {"PASS_THROUGH"}
-        try:
-            self.said = next(self.steps)
-            context.workspace.status_text_set(message("{text} (Esc to cancel)", text=self.said))
-        except StopIteration:
-            return self.end(context, self.finish(self.said))
-        return {"PASS_THROUGH"}
-
-    def end(self, context: bpy.types.Context, result: set[str]) -> set[str]:
-        """Take the timer away."""
-        context.window_manager.event_timer_remove(self.timer)
-        context.workspace.status_text_set(None)
-        return result
-
-    def finish(self, said: str) -> set[str]:
-        """Report what came of it."""
-        failed = said.startswith("Error: ")
-        self.report({"ERROR" if failed else "INFO"}, said.removeprefix("Error: "))
-        return {"CANCELLED"} if failed else {"FINISHED"}
-
-
-def make_library(source: DriveSource, path: Path) -> Generator[str, None, None]:
-    """Write the library; what is yielded says how far it is, at last what came of it."""
-    assert source.scene_path is not None  # the operator has seen to it
-    assets: list[bpy.types.Object] = []
-    try:
+    def work(self, context: bpy.types.Context) -> Iterator[str | None]:
+        """Write the library; portraits come from the worker one after the other."""
+        source, path = source_of(context.scene), Path(self.filepath).with_suffix(".blend")
+        assert source.scene_path is not None  # the operator's needs have seen to it
+        assets: list[bpy.types.Object] = []
         actors, names = sorted(source.drive.actors.items()), names_at_import(source)
-        for number, (uid, actor) in enumerate(actors):
-            asked = portrait_request(source, actor, path.stem)
-            if asked is None:
-                continue
-            worker = client(interpreter())
-            request = worker.ask(
-                "camera", **asked.values, passes=["rgb", "instance"], quality="balanced", device=device()
-            )
-            rgb, shown = [], []
-            while True:
-                yield message("Preview {number} of {count}", number=number + 1, count=len(actors))
-                try:
-                    event = request.events.get(timeout=POLL_S) if bpy.app.background else request.events.get_nowait()
-                except queue.Empty:
+        try:
+            for number, (uid, actor) in enumerate(actors):
+                asked = portrait_request(source, actor, path.stem)
+                if asked is None:
                     continue
-                if event["event"] == "error":
-                    yield f"Error: {event['text']}"
-                    return
-                if event["event"] == "warning":
-                    continue
-                if event["event"] != "arrays":
-                    break
-                arrays = worker.arrays(event)
-                rgb.append(np.clip(arrays["rgb"], 0, 1))
-                shown.append(arrays["instance"] == event["instances"].index(uid) + 1)
-            obj = new_actor(names[uid], actor)
-            obj.unisim.look, obj.unisim.look_scene = uid, str(source.scene_path.resolve())
-            obj.asset_mark()
-            obj.asset_data.tags.new(TAG)
-            obj.asset_data.tags.new(actor.label)
-            obj.asset_data.description = size_text(actor.size_m)
-            set_preview(obj, np.concatenate(rgb), np.concatenate(shown))
-            assets.append(obj)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        bpy.data.libraries.write(str(path), set(assets), fake_user=True, compress=True)
-        yield message("Library written to {path} (actors: {count})", count=len(assets), path=path)
-    except (UnisimError, OSError, RuntimeError) as fault:
-        yield f"Error: {fault}"
-    finally:
-        for obj in assets:
-            bpy.data.objects.remove(obj)
+                said = message("Preview {number} of {count}", number=number + 1, count=len(actors))
+                yield message("{text} (Esc to cancel)", text=said)
+                rgb, shown = yield from rendered_portrait(asked.values, uid)
+                obj = new_actor(names[uid], actor)
+                assets.append(obj)
+                obj.unisim.look, obj.unisim.look_scene = uid, str(source.scene_path.resolve())
+                obj.asset_mark()
+                obj.asset_data.tags.new(TAG)
+                obj.asset_data.tags.new(actor.label)
+                obj.asset_data.description = size_text(actor.size_m)
+                set_preview(obj, rgb, shown)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            bpy.data.libraries.write(str(path), set(assets), fake_user=True, compress=True)
+        except RuntimeError as fault:  # of Blender, where it cannot write
+            raise UnisimError(str(fault)) from fault
+        finally:
+            for obj in assets:
+                bpy.data.objects.remove(obj)
+        done = message("Library written to {path} (actors: {count})", count=len(assets), path=path)
+        self.report({"INFO"}, done)
+
+
+def rendered_portrait(
+    values: dict[str, Any], uid: str
+) -> Generator[None, None, tuple[NDArray[np.float32], NDArray[np.bool_]]]:
+    """Return an image (H, W, 3) of an actor that the worker renders, and where it shows the actor (H, W), waiting in
+    steps. Raises `UnisimError`."""
+    worker = client(interpreter())
+    request = worker.ask("camera", **values, passes=["rgb", "instance"], quality="balanced", device=device())
+    rgb, shown = [], []
+    while True:
+        try:
+            event = request.events.get(timeout=POLL_S) if bpy.app.background else request.events.get_nowait()
+        except queue.Empty:
+            yield None
+            continue
+        if event["event"] == "error":
+            raise UnisimError(event["text"])
+        if event["event"] == "arrays":
+            arrays = worker.arrays(event)
+            rgb.append(np.clip(arrays["rgb"], 0, 1))
+            shown.append(arrays["instance"] == event["instances"].index(uid) + 1)
+        elif event["event"] != "warning":
+            return np.concatenate(rgb), np.concatenate(shown)
 
 
 def set_preview(obj: bpy.types.Object, rgb: NDArray[np.float32], shown: NDArray[np.bool_]) -> None:
@@ -142,6 +107,3 @@ def set_preview(obj: bpy.types.Object, rgb: NDArray[np.float32], shown: NDArray[
     preview = obj.preview_ensure()
     preview.image_size = rgba.shape[1], rgba.shape[0]
     preview.image_pixels_float.foreach_set(np.ascontiguousarray(rgba, np.float32).ravel())
-
-
-CLASSES = (UNISIM_OT_make_library,)

@@ -13,7 +13,7 @@ from ...bridge.window import allowed, choose, chosen, drive, object_mode, refres
 from ...core.errors import UnisimError
 from ...editing.sampled.scene import rigid
 from ...translations import message
-from ..operator_bases import Needing, reporting
+from ..operator_bases import Editing, reporting
 
 LANE_M = 3.5
 GAP_M = 0.6
@@ -27,12 +27,10 @@ PLACES = (
 )
 
 
-class UNISIM_OT_duplicate_actor(Needing, bpy.types.Operator):
+class UNISIM_OT_duplicate_actor(Editing, bpy.types.Operator):
     """Duplicate the selected actors with their trajectories"""
 
-    bl_idname = "unisim.duplicate_actor"
     bl_label = "Duplicate Actor"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor first", "ACTOR"))
 
     where: EnumProperty(name="Where", description="Location of the copies", items=PLACES, default="LANE_LEFT")
@@ -58,12 +56,10 @@ class UNISIM_OT_duplicate_actor(Needing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_delete_actor(Needing, bpy.types.Operator):
+class UNISIM_OT_delete_actor(Editing, bpy.types.Operator):
     """Delete the selected actors and static items from all images and sweeps"""
 
-    bl_idname = "unisim.delete_actor"
     bl_label = "Delete Actor"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor or a static item first", "ACTOR", "STATIC"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -96,12 +92,10 @@ def marked_above(obj: bpy.types.Object) -> bool:
     return False
 
 
-class UNISIM_OT_mesh_actor(Needing, bpy.types.Operator):
+class UNISIM_OT_mesh_actor(Editing, bpy.types.Operator):
     """Use the selected mesh objects and their children as actors, which cameras and LiDARs see"""
 
-    bl_idname = "unisim.mesh_actor"
     bl_label = "Use Mesh as Actor"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, drive, selected("Select a mesh object that is not part of the drive yet", "NONE"))
 
     label: StringProperty(
@@ -127,7 +121,6 @@ class UNISIM_OT_mesh_actor(Needing, bpy.types.Operator):
 class UNISIM_OT_release_mesh(bpy.types.Operator):
     """Turn the selected mesh actors back into ordinary objects, which no sensor sees"""
 
-    bl_idname = "unisim.release_mesh"
     bl_label = "Release Mesh Actor"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -145,12 +138,10 @@ class UNISIM_OT_release_mesh(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_mark_static(Needing, bpy.types.Operator):
+class UNISIM_OT_mark_static(Editing, bpy.types.Operator):
     """Mark a static item: the bounding box of the selected active mesh, or a new box at the 3D cursor"""
 
-    bl_idname = "unisim.mark_static"
     bl_label = "Mark Static Item"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, drive)
 
     size_m: FloatVectorProperty(
@@ -181,12 +172,10 @@ class UNISIM_OT_mark_static(Needing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_copy_static(Needing, bpy.types.Operator):
+class UNISIM_OT_copy_static(Editing, bpy.types.Operator):
     """Copy the selected static items to the 3D cursor"""
 
-    bl_idname = "unisim.copy_static"
     bl_label = "Copy Static Item"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select a static item first", "STATIC"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -201,12 +190,10 @@ class UNISIM_OT_copy_static(Needing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_forget_static(Needing, bpy.types.Operator):
+class UNISIM_OT_forget_static(Editing, bpy.types.Operator):
     """Remove the marks of the selected static items; the scene itself stays unchanged"""
 
-    bl_idname = "unisim.forget_static"
     bl_label = "Unmark Static Item"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select a static item first", "STATIC"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -214,14 +201,3 @@ class UNISIM_OT_forget_static(Needing, bpy.types.Operator):
         for uid in {obj.unisim.uid for obj in chosen(context, "STATIC")}:
             forget_static(context.scene, uid)
         return {"FINISHED"}
-
-
-CLASSES = (
-    UNISIM_OT_duplicate_actor,
-    UNISIM_OT_delete_actor,
-    UNISIM_OT_mesh_actor,
-    UNISIM_OT_release_mesh,
-    UNISIM_OT_mark_static,
-    UNISIM_OT_copy_static,
-    UNISIM_OT_forget_static,
-)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import bpy
 
-from ...bridge.objects.imported import source_of
+from ...bridge.objects.imported import drive_of
 from ...bridge.views.actors import card_of
 from ...core.errors import UnisimError
 from ...editing.actors.table import ActorCard
@@ -25,10 +25,8 @@ def active_card(context: bpy.types.Context) -> ActorCard | None:
     obj = context.active_object
     if obj is None or obj.unisim.kind != "ACTOR" or obj.name not in context.scene.objects:
         return None
-    try:
-        return card_of(context.scene, obj, source_of(context.scene).drive)
-    except (UnisimError, OSError):
-        return None
+    drive = drive_of(context.scene)
+    return None if drive is None else card_of(context.scene, obj, drive)
 
 
 def portrait(context: bpy.types.Context) -> int:
@@ -126,6 +124,3 @@ class UNISIM_PT_static(DrivePanel, bpy.types.Panel):
         column.operator("unisim.mark_static", icon="ADD")
         column.operator("unisim.copy_static", icon="DUPLICATE")
         column.operator("unisim.forget_static", icon="X")
-
-
-CLASSES = (UNISIM_PT_actor, UNISIM_PT_insert, UNISIM_PT_static)

@@ -23,7 +23,7 @@ import numpy as np
 
 from ...bridge.changes import following
 from ...bridge.objects.imported import apply_words, source_of
-from ...bridge.window import redraw
+from ...bridge.window import redraw, run_soon
 from ...core.actor_images.cache import ActorImage, cached_images
 from ...core.actor_images.names import plain_names
 from ...core.errors import UnisimError
@@ -185,8 +185,7 @@ def _collection() -> Any:
 
 
 def _look_soon() -> None:
-    if not bpy.app.background and not bpy.app.timers.is_registered(_look):
-        bpy.app.timers.register(_look, first_interval=LOOK_S, persistent=True)
+    run_soon(_look, LOOK_S, persistent=True)
 
 
 def _look() -> float | None:
@@ -306,18 +305,18 @@ def try_again(*_: object) -> None:
     _problems.clear()
 
 
+HANDLERS = (("load_pre", try_again),)
+TIMERS = (_look,)
+
+
 def register() -> None:
     """Begin to follow."""
     listing.after.append(follow)
-    bpy.app.handlers.load_pre.append(try_again)
 
 
 def unregister() -> None:
     """End all processes and throw the icons away."""
     listing.after.remove(follow)
-    bpy.app.handlers.load_pre.remove(try_again)
-    if bpy.app.timers.is_registered(_look):
-        bpy.app.timers.unregister(_look)
     for maker in _makers.values():
         maker.stop()
     for cache in (_makers, _known, _complete, _problems, _plain, _wanted, _portraits, _rendering):

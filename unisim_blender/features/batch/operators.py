@@ -14,7 +14,7 @@ from bpy.props import EnumProperty, IntProperty
 from ...bridge.changes.variants import variants_of
 from ...bridge.objects.imported import source_of
 from ...bridge.objects.settings import output_sensors
-from ...bridge.window import Need, allowed, drive, folder_on_disk
+from ...bridge.window import Need, drive, folder_on_disk
 from ...core.actor_images.names import plain_names
 from ...core.errors import UnisimError
 from ...core.scenario import scenario_to_json
@@ -28,12 +28,13 @@ from ...preferences import device, interpreter
 from ...process.background import launch
 from ...process.tasks import Task
 from ...translations import localized, message
-from ..drive.export_operators import scenario_of
-from ..operator_bases import Needing, in_thread, nothing_runs
+from ..drive.export_operators import scenario_of, scenario_steps
+from ..operator_bases import Editing, Needing, in_thread, nothing_runs
 from ..output.operators import sensor_options, width_options
 from ..problems import fail
 from ..simulation.operators import Simulates
 from ..simulation.properties import driver_of
+from ..variants.operators import marked_variants, variant_marked
 from .properties import parameters_of
 
 
@@ -45,6 +46,7 @@ class BatchTask(Task):
 
     title = translatable("Batch")
     hears = True
+    units = translatable("{done} of {total} units")
 
     def __init__(self, arguments: list[str], folder: Path, chosen: str) -> None:
         super().__init__(arguments, folder, 0.0, chosen)
@@ -53,11 +55,9 @@ class BatchTask(Task):
 
     @property
     def done(self) -> float:
-        """Units that have ended."""
         return float(self.reused + self.finished + self.failed)
 
     def hear(self, event: dict[str, Any]) -> None:
-        """Take what the command line says: how many units there are, and each that ends."""
         if event["event"] == "start":
             self.total, self.reused = float(event["units"]), event["kept"]
             self.before = self.done
@@ -67,14 +67,12 @@ class BatchTask(Task):
             self.failed += 1
 
     def measure(self) -> str:
-        """Units of how many, and how many failed."""
         if not self.total:
             return message("Checking scenarios")
-        units = message("{done} of {total} units", done=int(self.done), total=int(self.total))
+        units = super().measure()
         return units if not self.failed else message("{units}, {count} failed", units=units, count=self.failed)
 
     def speed(self, rate: float) -> str:
-        """Units a minute."""
         return message(", {rate:.1f} units/min", rate=60 * rate)
 
 
@@ -87,9 +85,7 @@ _items: list[tuple[str, str, str]] = []
 def batch_place(scene: bpy.types.Scene) -> str:
     """Return the folder or URL that a scene's batch goes to; "" while it is not known."""
     out = scene.unisim_batch.out.strip()
-    if "://" in out:
-        return str(out)
-    return str(folder_on_disk(out) or "")
+    return str(out if "://" in out else folder_on_disk(out) or "")
 
 
 def jobs_folder(scene: bpy.types.Scene) -> Path | None:
@@ -101,16 +97,9 @@ def jobs_folder(scene: bpy.types.Scene) -> Path | None:
     return Path(bpy.path.abspath("//batch jobs")).absolute() if place and bpy.data.filepath else None
 
 
-def marked(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
-    """Return the variants that are marked in the list of variants."""
-    if not scene.unisim.log:
-        return []
-    return [variant for variant in variants_of(scene) if variant.unisim_edits.rendered]
-
-
 def count_of(scene: bpy.types.Scene) -> int:
     """Return how many scenarios a batch has."""
-    count = len(marked(scene))
+    count = len(marked_variants(scene))
     for parameter in parameters_of(scene):
         count *= parameter.variants
     return count
@@ -128,27 +117,14 @@ def is_driven(context: bpy.types.Context) -> Need:
     return named, "Name the driver first: module:function, or its address"
 
 
-class UNISIM_OT_submit_batch(Simulates, bpy.types.Operator):
+class UNISIM_OT_submit_batch(Needing, Simulates, bpy.types.Operator):
     """Render the marked variants with all values of the parameters, or drive through them, in the background"""
 
-    bl_idname = "unisim.submit_batch"
     bl_label = "Submit Batch"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive and a marked variant have to be there, places and driver be known, and nothing else be running."""
-        return allowed(
-            cls,
-            drive(context),
-            (marked(context.scene), "Mark a variant in the list first"),
-            place_known(context),
-            is_driven(context),
-            nothing_runs(context),
-        )
+    needs = (drive, variant_marked, place_known, is_driven, nothing_runs)
 
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
-        """Read all variants, write them and their sweeps, and start the command line on these."""
         scene = context.scene
         folder, place, about = jobs_folder(scene), batch_place(scene), scene.unisim_batch
         assert folder is not None  # the button is grey without
@@ -157,15 +133,14 @@ class UNISIM_OT_submit_batch(Simulates, bpy.types.Operator):
         parameters, scenes = parameters_of(scene), variants_of(scene)
         names = file_names(variant.name for variant in scenes)
         read: dict[str, Scenario] = {}
-        for variant in marked(scene):
+        for variant in marked_variants(scene):
             path = folder / f"{names[variant.name]}.json"
-            scenario = yield from self.scenario(variant, path, self.start_of(variant) if driver else None)
+            scenario = yield from scenario_steps(variant, path, self.start_of(variant) if driver else None)
             scenario = as_simulated(scenario) if driver else scenario
             read[names[variant.name]] = replace(scenario, name=variant.name, path=path)
         sweeps = {name: sweep_document(name, f"{name}.json", parameters, driver) for name in read} if parameters else {}
         jobs = yield from in_thread(lambda: write_jobs(read, sweeps, folder))
-        task = BatchTask(["batch", *map(str, jobs), *arguments], folder, interpreter())
-        launch(task)
+        launch(BatchTask(["batch", *map(str, jobs), *arguments], folder, interpreter()))
 
 
 def _options(scene: bpy.types.Scene, selected: Any, driver: str | None) -> Iterator[str]:
@@ -187,19 +162,16 @@ def field_items(self: bpy.types.Operator, context: bpy.types.Context) -> list[tu
     return _items or [("", "None", "")]
 
 
-class UNISIM_OT_add_parameter(Needing, bpy.types.Operator):
+class UNISIM_OT_add_parameter(Editing, bpy.types.Operator):
     """Add a parameter: a field of the scenario that the batch fills with several values"""
 
-    bl_idname = "unisim.add_parameter"
     bl_label = "Add Parameter"
-    bl_options = {"REGISTER", "UNDO"}
     bl_property = "at"
     needs = (drive,)
 
     at: EnumProperty(name="Field", description="Field of the scenario", items=field_items, options={"SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Read the scenario and offer its fields."""
         try:
             find_fields(context.scene)
         except UnisimError as fault:
@@ -211,7 +183,6 @@ class UNISIM_OT_add_parameter(Needing, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Add the parameter, with the value that the scenario has."""
         field = next((other for other in _fields if other.pointer == self.at), None)
         if field is None:
             return {"CANCELLED"}
@@ -235,27 +206,22 @@ def find_fields(scene: bpy.types.Scene) -> None:
     path = Path(bpy.path.abspath("//")).absolute() / "scenario.json"
     names = plain_names(source_of(scene).drive.actors)
     _fields[:] = fields_of(scenario_to_json(scenario_of(scene, path)), names)
+    values = [field.value if isinstance(field.value, str) else f"{field.value:.4g}" for field in _fields]
     _items[:] = [
-        (field.pointer, f"{localized(field.label)} = {_said(field.value)}", field.pointer) for field in _fields
+        (field.pointer, f"{localized(field.label)} = {value}", field.pointer)
+        for field, value in zip(_fields, values, strict=True)
     ]
-
-
-def _said(value: float | str) -> str:
-    """Return a value as it is shown."""
-    return value if isinstance(value, str) else f"{value:.4g}"
 
 
 class UNISIM_OT_remove_parameter(bpy.types.Operator):
     """Remove this parameter"""
 
-    bl_idname = "unisim.remove_parameter"
     bl_label = "Remove Parameter"
     bl_options = {"REGISTER", "UNDO"}
 
     index: IntProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Remove it."""
         context.scene.unisim_batch.parameters.remove(self.index)
         return {"FINISHED"}
 
@@ -267,25 +233,17 @@ def report_path(scene: bpy.types.Scene) -> Path | None:
     return path if place and "://" not in place and path.is_file() else None
 
 
-class UNISIM_OT_open_report(bpy.types.Operator):
+class UNISIM_OT_open_report(Needing, bpy.types.Operator):
     """Open the report of the batch in the browser: its variants with images, scores, and filters over parameters"""
 
-    bl_idname = "unisim.open_report"
     bl_label = "Open Report"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """The report has to be there."""
-        return allowed(
-            cls, drive(context), (report_path(context.scene), "There is no report in the folder of the batch yet")
-        )
+    needs = (
+        drive,
+        lambda context: (report_path(context.scene), "There is no report in the folder of the batch yet"),
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """As Blender opens pages."""
         path = report_path(context.scene)
         assert path is not None  # the button is grey without
         return bpy.ops.wm.url_open(url=path.as_uri())
-
-
-CLASSES = (UNISIM_OT_submit_batch, UNISIM_OT_add_parameter, UNISIM_OT_remove_parameter, UNISIM_OT_open_report)

@@ -22,7 +22,6 @@ class UNISIM_PT_batch(DrivePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw variants, parameters, settings, what runs, and the report."""
         layout, scene = self.layout, context.scene
         about = scene.unisim_batch
         column = layout.column(align=True)
@@ -64,6 +63,3 @@ def draw_parameter(column: bpy.types.UILayout, parameter: Any, index: int) -> No
     row.prop(parameter, "start")
     row.prop(parameter, "stop")
     column.prop(parameter, "count")
-
-
-CLASSES = (UNISIM_PT_batch,)

@@ -77,5 +77,4 @@ def _parameter(item: Any) -> Parameter:
     return Parameter(item.name, item.at, (), float(f"{item.start:.6g}"), float(f"{item.stop:.6g}"), item.count)
 
 
-CLASSES = (UniSimParameter, UniSimBatch)
 PROPERTIES = ((bpy.types.Scene, "unisim_batch", PointerProperty(type=UniSimBatch)),)

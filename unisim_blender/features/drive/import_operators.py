@@ -17,7 +17,7 @@ from ...bridge.changes.variants import delete_variant, show_variant
 from ...bridge.importing.drive import import_source, recorded_colours, set_colours
 from ...bridge.objects.imported import has_drive, skipped_sensors, source_of
 from ...bridge.views.rollouts import actor_names, keep_rollout, mark_rollout, scene_of_rollout
-from ...bridge.window import allowed, areas, drive, fit_camera_view, object_mode, show_tab
+from ...bridge.window import areas, drive, fit_camera_view, object_mode, show_tab
 from ...core.errors import UnisimError
 from ...core.formats.readers import READERS, drive_in, suffixes
 from ...core.meshes.read import mesh_notes
@@ -47,10 +47,9 @@ from ...editing.simulation.rollouts import (
 )
 from ...editing.texts import counted, series, translatable
 from ...preferences import default_folder
-from ...registering import add
 from ...translations import interface, localized, message
 from ...viewport.view_types import follow_soon
-from ..operator_bases import InSteps, Needing, in_thread
+from ..operator_bases import Editing, InSteps, Needing, in_thread
 from ..problems import fail
 from ..sidebar import Sidebar, settings_column
 
@@ -66,6 +65,9 @@ T = TypeVar("T")
 class _ImportDrive(InSteps, ImportHelper):
     """Base of all importers: a progress bar, and one undo step at the end. Esc takes back what was imported."""
 
+    begun = False
+    """Whether something was imported."""
+
     def opening(self) -> Callable[[], DriveSource]:
         """Return what opens the drive; it runs in a thread."""
         raise NotImplementedError
@@ -78,9 +80,7 @@ class _ImportDrive(InSteps, ImportHelper):
         return self.ask_for_path(context)
 
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
-        """Open the drive, import it, show it and say what came in."""
-        self.begun = False
-        source = yield from self.run(self.opening())
+        source = yield from opened(self.opening())
         yield from self.bring_in(context, source)
         self.report({"INFO"}, localized(summary(source, skipped_sensors(context.scene))))
 
@@ -110,13 +110,6 @@ class _ImportDrive(InSteps, ImportHelper):
         """Return which parts of the drive to import."""
         return ImportOptions()
 
-    def run(self: Any, todo: Callable[[], T]) -> Generator[str | None, None, T]:
-        """Return what a function returns that knows nothing of Blender; in steps, a thread runs it."""
-        if self.timer is None:
-            return todo()
-        yield message("Opening the drive (Esc to cancel)")
-        return (yield from in_thread(todo))
-
     def modal(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Some more steps. Without global undo nothing could take back what has come in, so that Esc is not heard."""
         if event.type == "ESC" and not context.preferences.edit.use_global_undo:
@@ -124,7 +117,6 @@ class _ImportDrive(InSteps, ImportHelper):
         return InSteps.modal(self, context, event)
 
     def stopped(self: Any, context: bpy.types.Context, fault: bool) -> None:
-        """Put the scene back."""
         context.window_manager.progress_end()
         if self.begun and context.preferences.edit.use_global_undo:
             take_back()
@@ -136,6 +128,12 @@ class _ImportDrive(InSteps, ImportHelper):
         anything is imported."""
         context.window_manager.progress_end()
         bpy.ops.ed.undo_push(message=self.bl_label)
+
+
+def opened(todo: Callable[[], T]) -> Generator[str | None, None, T]:
+    """Return what a function returns that opens a drive, in a thread."""
+    yield message("Opening the drive (Esc to cancel)")
+    return (yield from in_thread(todo))
 
 
 def look_through_camera() -> None:
@@ -196,7 +194,6 @@ class _ImportsParts:
     )
 
     def draw(self: Any, context: bpy.types.Context) -> None:
-        """Draw the settings of drives and trained scenes."""
         column = settings_column(self.layout)
         column.label(text="Of a drive or trained scene:")
         column.prop(self, "sensors")
@@ -222,7 +219,6 @@ class _ImportsParts:
 class UNISIM_OT_import_log(_ImportsParts, _ImportDrive, bpy.types.Operator):
     """Import the vehicle, sensors and actors of a recorded drive as animated objects"""
 
-    bl_idname = "unisim.import_log"
     bl_label = "Import Driving Log"
     bl_options = {"REGISTER", "INTERNAL"}
 
@@ -231,7 +227,6 @@ class UNISIM_OT_import_log(_ImportsParts, _ImportDrive, bpy.types.Operator):
     filter_folder: BoolProperty(default=True, options={"HIDDEN"})
 
     def opening(self) -> Callable[[], DriveSource]:
-        """Open the log in the folder that was chosen, or the one drive that it has."""
         chosen = Path(self.filepath or self.directory)
         return lambda: open_source(str(drive_in(chosen)), "")
 
@@ -239,7 +234,6 @@ class UNISIM_OT_import_log(_ImportsParts, _ImportDrive, bpy.types.Operator):
 class UNISIM_OT_import_scene(_ImportsParts, _ImportDrive, bpy.types.Operator):
     """Import a trained neural scene and its drive, with refined tracklets"""
 
-    bl_idname = "unisim.import_scene"
     bl_label = "Import Trained Neural Scene"
     bl_options = {"REGISTER", "INTERNAL"}
 
@@ -247,7 +241,6 @@ class UNISIM_OT_import_scene(_ImportsParts, _ImportDrive, bpy.types.Operator):
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
 
     def opening(self) -> Callable[[], DriveSource]:
-        """Open the scene's folder, and the log that its header names."""
         chosen = Path(self.filepath)
         folder = chosen.parent if chosen.name == HEADER_NAME else chosen
         return lambda: open_source(str((folder / read_scene_header(folder).log_path).resolve()), str(folder))
@@ -257,10 +250,10 @@ class _ImportScenario(_ImportDrive):
     """Base of importers of a scenario's drive; that of a rollout gets markers, too."""
 
     def bring_in_edited(
-        self: Any, context: bpy.types.Context, opened: ImportedScenario
+        self: Any, context: bpy.types.Context, imported: ImportedScenario
     ) -> Generator[str | None, None, None]:
         """Import an opened scenario's drive, then edit it."""
-        scenario, source, edited, driven = opened
+        scenario, source, edited, driven = imported
         yield from self.bring_in(context, source)
         for _ in apply_edits(context.scene, source, scenario, edited):
             yield message("Applying the edits (Esc to cancel)")
@@ -276,27 +269,24 @@ class _ImportScenario(_ImportDrive):
 class UNISIM_OT_import_scenario(_ImportScenario, bpy.types.Operator):
     """Import the drive of a scenario with all its edits"""
 
-    bl_idname = "unisim.import_scenario"
     bl_label = "Import Scenario"
     bl_options = {"REGISTER", "INTERNAL"}
 
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
 
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
-        """Import the drive, then edit it."""
-        self.begun, path = False, Path(self.filepath).absolute()
-        opened = yield from self.run(lambda: opened_scenario(path))
+        path = Path(self.filepath).absolute()
+        scenario = yield from opened(lambda: opened_scenario(path))
         if has_drive(context.scene):
             raise UnisimError(
                 f'scene "{context.scene.name}": has a drive already; import the scenario into a new scene'
             )
-        yield from self.bring_in_edited(context, opened)
+        yield from self.bring_in_edited(context, scenario)
 
 
 class UNISIM_OT_open_rollout(Needing, _ImportScenario, bpy.types.Operator):
     """Open a rollout's folder: the drive as driven, its collisions as markers, the plans of its driver"""
 
-    bl_idname = "unisim.open_rollout"
     bl_label = "Open Rollout"
     bl_options = {"REGISTER"}
     needs = (object_mode,)
@@ -306,12 +296,11 @@ class UNISIM_OT_open_rollout(Needing, _ImportScenario, bpy.types.Operator):
     filter_folder: BoolProperty(default=True, options={"HIDDEN"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the folder, unless it was named."""
         return self.in_steps(context) if self.filepath or self.directory else self.ask_for_path(context)
 
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Open the rollout, and import its scenario; beside a drive that is there into a new variant."""
-        self.begun, folder = False, Path(bpy.path.abspath(self.filepath or self.directory)).absolute()
+        folder = Path(bpy.path.abspath(self.filepath or self.directory)).absolute()
         if not is_rollout(folder):
             raise UnisimError(message("{folder}: holds no finished rollout", folder=folder))
         shown = scene_of_rollout(folder)
@@ -319,14 +308,14 @@ class UNISIM_OT_open_rollout(Needing, _ImportScenario, bpy.types.Operator):
             show_variant(context.window, shown)
             self.report({"INFO"}, message("{name} is shown: it was opened before", name=shown.name))
             return
-        opened = yield from self.run(lambda: opened_scenario(folder / SCENARIO))
+        scenario = yield from opened(lambda: opened_scenario(folder / SCENARIO))
         if has_drive(context.scene):
             self.begun = True
             scene = bpy.data.scenes.new(folder.name)
             keep_settings(context.scene, scene)
             context.window.scene = scene
             yield None
-        yield from self.bring_in_edited(context, opened)
+        yield from self.bring_in_edited(context, scenario)
         if shown is not None:  # its folder has changed
             name = shown.name
             delete_variant(shown)
@@ -375,7 +364,6 @@ class UNISIM_FH_json(bpy.types.FileHandler):
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
-        """A 3D view or an outliner has to be under the mouse."""
         return context.area is not None and context.area.type in ("VIEW_3D", "OUTLINER")
 
 
@@ -396,7 +384,6 @@ class UNISIM_FH_image(bpy.types.FileHandler):
 class UNISIM_OT_import_drive(_ImportsParts, bpy.types.Operator):
     """Import a recorded drive, a trained scene, a scenario or a rollout: its folder, a file of it, or the folder around it"""
 
-    bl_idname = "unisim.import_drive"
     bl_label = "Import Drive"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -404,7 +391,6 @@ class UNISIM_OT_import_drive(_ImportsParts, bpy.types.Operator):
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for what to import, unless it was dropped."""
         if self.filepath:
             return self.execute(context)
         self.directory = default_folder("logs")
@@ -488,7 +474,6 @@ def sensor_items(self: Any, context: bpy.types.Context) -> list[tuple[str, str, 
 class UNISIM_OT_import_sensors(Needing, bpy.types.Operator):
     """Choose which recorded sensors are imported; edited ones stay"""
 
-    bl_idname = "unisim.import_sensors"
     bl_label = "Imported Sensors"
     bl_options = {"REGISTER"}
     needs = (object_mode, drive)
@@ -501,34 +486,28 @@ class UNISIM_OT_import_sensors(Needing, bpy.types.Operator):
     )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask, as the scene has them."""
         self.sensors = {item[0] for item in sensor_items(self, context)} - skipped_sensors(context.scene)
         return set(context.window_manager.invoke_props_dialog(self, confirm_text="Import"))
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw a switch for each sensor."""
         self.layout.column(align=True).prop(self, "sensors")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Import the drive again."""
         about = context.scene.unisim
         kind, path = ("scene", about.scene) if about.scene else ("log", about.log)
         chosen, parts = Recognised(kind, Path(bpy.path.abspath(path))), {"sensors": ",".join(sorted(self.sensors))}
         return handed_on(self, lambda: import_recognised(chosen, parts))
 
 
-class UNISIM_OT_locate_log(Needing, InSteps, bpy.types.Operator):
+class UNISIM_OT_locate_log(Editing, InSteps, bpy.types.Operator):
     """Choose the folder in which the log of this drive lies now"""
 
-    bl_idname = "unisim.locate_log"
     bl_label = "Choose Folder of the Log"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (drive,)
 
     directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for it."""
         self.directory = default_folder("logs")
         return self.ask_for_path(context)
 
@@ -536,8 +515,7 @@ class UNISIM_OT_locate_log(Needing, InSteps, bpy.types.Operator):
         """Open it, and have all scenes of the drive name it. Raises `UnisimError` for another drive's log."""
         about, chosen = context.scene.unisim, Path(bpy.path.abspath(self.directory))
         scene = bpy.path.abspath(about.scene) if about.scene else ""
-        yield message("Opening the drive (Esc to cancel)")
-        source = yield from in_thread(lambda: open_source(str(drive_in(chosen)), scene))
+        source = yield from opened(lambda: open_source(str(drive_in(chosen)), scene))
         if about.origin and json.loads(about.origin) != source.drive.world_origin.tolist():
             raise UnisimError(message("{folder}: is the log of another drive", folder=source.log_path))
         before = about.log
@@ -546,20 +524,13 @@ class UNISIM_OT_locate_log(Needing, InSteps, bpy.types.Operator):
                 other.unisim.log = str(source.log_path)
 
 
-class UNISIM_OT_recorded_colours(bpy.types.Operator):
+class UNISIM_OT_recorded_colours(Editing, bpy.types.Operator):
     """Show colours as recorded: view transform Standard, look None, exposure 0, gamma 1"""
 
-    bl_idname = "unisim.recorded_colours"
     bl_label = "Show Colours as Recorded"
-    bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Colours have to be shown otherwise."""
-        return allowed(cls, (not recorded_colours(context.scene), "Colours are already shown as recorded"))
+    needs = (lambda context: (not recorded_colours(context.scene), "Colours are already shown as recorded"),)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Set the scene's colour management."""
         set_colours(context.scene)
         return {"FINISHED"}
 
@@ -567,21 +538,9 @@ class UNISIM_OT_recorded_colours(bpy.types.Operator):
 def draw_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """A line in File > Import."""
     self.layout.operator_context = "INVOKE_DEFAULT"
-    self.layout.operator(UNISIM_OT_import_drive.bl_idname, text="Drive, Scene, Scenario or Rollout")
+    self.layout.operator("unisim.import_drive", text="Drive, Scene, Scenario or Rollout")
 
 
-CLASSES = (
-    UNISIM_OT_import_log,
-    UNISIM_OT_import_scene,
-    UNISIM_OT_import_scenario,
-    UNISIM_OT_open_rollout,
-    UNISIM_OT_import_drive,
-    UNISIM_OT_import_sensors,
-    UNISIM_OT_locate_log,
-    UNISIM_OT_recorded_colours,
-    UNISIM_FH_json,
-    UNISIM_FH_image,
-)
 MENUS = ((bpy.types.TOPBAR_MT_file_import, draw_menu),)
 
 
@@ -594,8 +553,7 @@ def file_extensions() -> str:
 
 
 def register() -> None:
-    """Add the operators. Readers of other packages are looked for anew."""
+    """Look anew for readers of other packages: their files can be dropped, too."""
     importlib.invalidate_caches()  # the folder that they are in may not have been there when Blender started
     READERS.forget_plugins()
     UNISIM_FH_json.bl_file_extensions = file_extensions()
-    add(CLASSES)

@@ -26,21 +26,14 @@ class UNISIM_PT_drive(DrivePanel, bpy.types.Panel):
     tasks = ("VIEW",)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw log, trained scene, what is there, and what is shown."""
         layout, scene = self.layout, context.scene
         about = scene.unisim
         column = layout.column(align=True)
         row_of(column, "Log", Path(about.log).name, "FILE_FOLDER")
         row_of(column, "Scene", Path(about.scene).name if about.scene else "", "SHADING_RENDERED")
-        actors, sensors = (
-            sum(1 for _ in imported_objects(scene, *kinds)) for kinds in (("ACTOR",), ("CAMERA", "LIDAR"))
-        )
-        row_of(
-            column,
-            "Contains",
-            interface("Actors: {actors}, sensors: {sensors}", actors=actors, sensors=sensors),
-            "OUTLINER_OB_GROUP_INSTANCE",
-        )
+        actors, sensors = (len(list(imported_objects(scene, *kinds))) for kinds in (("ACTOR",), ("CAMERA", "LIDAR")))
+        text = interface("Actors: {actors}, sensors: {sensors}", actors=actors, sensors=sensors)
+        row_of(column, "Contains", text, "OUTLINER_OB_GROUP_INSTANCE")
         layout.operator("unisim.import_sensors", icon="OUTLINER_OB_CAMERA")
         layout.operator("unisim.import_scene", text="Import Trained Scene", icon="IMPORT")
 
@@ -77,6 +70,3 @@ class UNISIM_PT_show(DrivePanel, bpy.types.Panel):
         beside.enabled = about.show_recorded
         beside.prop(about, "recorded_offset_m")
         layout.operator("unisim.birds_eye", icon="VIEW_ORTHO")
-
-
-CLASSES = (UNISIM_PT_drive, UNISIM_PT_show)

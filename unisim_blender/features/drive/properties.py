@@ -246,7 +246,6 @@ class UniSimScene(bpy.types.PropertyGroup):
     )
 
 
-CLASSES = (UniSimObject, UniSimItem, UniSimWarning, UniSimCheck, UniSimScene)
 PROPERTIES = (
     (bpy.types.Object, "unisim", PointerProperty(type=UniSimObject)),
     (bpy.types.Scene, "unisim", PointerProperty(type=UniSimScene)),

@@ -17,10 +17,10 @@ from ...editing.edits.lines import EditLine, conflicting, nearest_frame
 from ...editing.sampled.clock import Clock
 from ...editing.texts import series
 from ...translations import localized, message, tooltip
-from ..operator_bases import Needing, reporting
+from ..operator_bases import Editing, reporting
 
 
-class _OfEdit(Needing):
+class _OfEdit(Editing):
     """An operator on one line of the list."""
 
     needs = (object_mode, drive)
@@ -40,7 +40,6 @@ class _OfEdit(Needing):
 
     @reporting
     def execute(self: Any, context: bpy.types.Context) -> set[str]:
-        """Find the line and do it; the list is read again."""
         self.do(context, self.line(context))
         return {"FINISHED"}
 
@@ -48,13 +47,10 @@ class _OfEdit(Needing):
 class UNISIM_OT_go_to_edit(_OfEdit, bpy.types.Operator):
     """Select the object and go to a frame at which the edit shows"""
 
-    bl_idname = "unisim.go_to_edit"
     bl_label = "Go to Edit"
-    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
-        """Say what the edit is, in full, with its frames."""
         key = properties.kind, properties.name, properties.part
         for line in reading_of(context.scene).lines:
             if (line.key, line.muted) == (key, properties.muted):
@@ -67,7 +63,6 @@ class UNISIM_OT_go_to_edit(_OfEdit, bpy.types.Operator):
         return tooltip(str(cls.__doc__))
 
     def do(self, context: bpy.types.Context, line: EditLine) -> None:
-        """Jump."""
         scene = context.scene
         frame = nearest_frame(line.frames, scene.frame_current)
         if frame != scene.frame_current:
@@ -89,12 +84,9 @@ class UNISIM_OT_go_to_edit(_OfEdit, bpy.types.Operator):
 class UNISIM_OT_revert_edit(_OfEdit, bpy.types.Operator):
     """Revert the edit: the object returns to its imported state, a copied or inserted object is deleted"""
 
-    bl_idname = "unisim.revert_edit"
     bl_label = "Revert Edit"
-    bl_options = {"REGISTER", "UNDO"}
 
     def do(self, context: bpy.types.Context, line: EditLine) -> None:
-        """Revert it; a muted one is deleted."""
         scene = context.scene
         if line.muted >= 0:
             drop(scene, line.muted)
@@ -107,19 +99,15 @@ class UNISIM_OT_revert_edit(_OfEdit, bpy.types.Operator):
 class UNISIM_OT_mute_edit(_OfEdit, bpy.types.Operator):
     """Mute or unmute the edit; a muted edit is kept in the file and ignored in images, sweeps and scenarios"""
 
-    bl_idname = "unisim.mute_edit"
     bl_label = "Mute Edit"
-    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
-        """Say which of the two it does."""
         if properties.muted >= 0:
             return tooltip("Let the edit count again; an edit of the same object that cannot stand beside it is muted")
         return tooltip("Mute the edit: it stays in the file and counts in no image, sweep or scenario")
 
     def do(self, context: bpy.types.Context, line: EditLine) -> None:
-        """Mute or unmute it."""
         scene = context.scene
         if line.muted < 0:
             mute(scene, source_of(scene), line)
@@ -133,6 +121,3 @@ class UNISIM_OT_mute_edit(_OfEdit, bpy.types.Operator):
                 said = message("{unmuted}; muted instead: {others}", unmuted=said, others=others)
             self.report({"INFO"}, said)
         reading_of(scene).mark()
-
-
-CLASSES = (UNISIM_OT_go_to_edit, UNISIM_OT_revert_edit, UNISIM_OT_mute_edit)

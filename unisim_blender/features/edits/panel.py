@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import bpy
 
 from ...bridge.sampling.edit_list import reading_of
 from ...editing.edits.lines import EditLine
-from ...editing.texts import counted, wrapped
+from ...editing.texts import counted
 from ...translations import interface, localized
-from ..problems import draw_problem
+from ..problems import draw_problem, draw_rows, panel_rows
 from ..sidebar import DrivePanel
 from . import watch as edit_watch
 
 PAGE = 12
 """Edits that are shown at once."""
-LEAST_WIDTH, BESIDE, BELOW = 200, 135, 95
-"""The least width that texts are made to fit, and what of a width a line's text lacks: icon, margins and tabs; beside
-buttons these, too."""
+BESIDE = 40
+"""Width of a line's buttons, in pixels of an ordinary display."""
 
 
 def count_text(lines: tuple[EditLine, ...]) -> str:
@@ -65,56 +64,33 @@ class UNISIM_PT_edits(DrivePanel, bpy.types.Panel):
         column = layout.column(align=True)
         column.enabled = reading.fresh
         for line in reading.lines[page * PAGE : (page + 1) * PAGE]:
-            draw_line(column, line, room_of(context))
+            draw_line(column, line)
         if pages > 1:
             row = layout.row(align=True)
             row.prop(manager, "unisim_edits_page", text=interface("Page of {count}", count=pages), translate=False)
 
 
-class LineWidth(NamedTuple):
-    """Width of a line's text in pixels, ``beside`` its buttons and ``below`` them, and the function that measures how
-    wide a text is drawn."""
-
-    beside: float
-    below: float
-    width_of: Callable[[str], float]
-
-
-def room_of(context: bpy.types.Context) -> LineWidth:
-    """Return the room of the region that a panel is drawn in."""
-    import blf
-
-    scale = context.preferences.system.ui_scale
-    blf.size(0, context.preferences.ui_styles[0].widget.points * scale)
-    width = max(context.region.width if context.region is not None else 0, LEAST_WIDTH * scale)
-    return LineWidth(width - BESIDE * scale, width - BELOW * scale, lambda text: float(blf.dimensions(0, text)[0]))
-
-
-def draw_line(layout: Any, line: EditLine, room: LineWidth) -> None:
+def draw_line(layout: Any, line: EditLine, rows: Callable[..., list[str]] = panel_rows) -> None:
     """Draw one edit: what, who and when, and its buttons; a text that is too long for its row goes on
     in the next one."""
-    box = layout.box().column(align=True)
+    box, fault = layout.box().column(align=True), line.part == "PROBLEM"
     row = box.row(align=True)
     first_row = row.row(align=True)
     first_row.alignment, first_row.active = "LEFT", line.muted < 0
-    what = wrapped(
-        localized(line.what), room.below if line.part == "PROBLEM" else room.beside, room.below, room.width_of
-    )
+    what = rows(localized(line.what), 0 if fault else BESIDE)
     pressed(first_row.operator("unisim.go_to_edit", text=what[0], translate=False, icon=line.icon, emboss=False), line)
     going_on = box.column(align=True)
     going_on.active = line.muted < 0
-    for text in what[1:]:
-        going_on.label(text=text, translate=False, icon="BLANK1")
+    draw_rows(going_on, what[1:], "BLANK1")
     below = box.column(align=True)
     below.active = False
     whose = line.who
-    if line.part != "PROBLEM":
+    if not fault:
         whose = interface("{name}, {start:.1f} to {end:.1f} s", name=line.who, start=line.start_s, end=line.end_s)
     if line.muted >= 0:
         whose = interface("Muted: {edit}", edit=whose)
-    for text in wrapped(whose, room.below, room.below, room.width_of):
-        below.label(text=text, translate=False, icon="BLANK1")
-    if line.part == "PROBLEM":
+    draw_rows(below, rows(whose), "BLANK1")
+    if fault:
         return
     buttons = row.row(align=True)
     buttons.alignment = "RIGHT"
@@ -127,6 +103,3 @@ def pressed(button: Any, line: EditLine) -> None:
     """Let a button act on a line."""
     button.kind, button.name, button.part = line.key
     button.muted = line.muted
-
-
-CLASSES = (UNISIM_PT_edits,)

@@ -45,7 +45,6 @@ class UniSimEdits(bpy.types.PropertyGroup):
     rendered: BoolProperty(name="Render", description="Render it with the selected variants", default=True)
 
 
-CLASSES = (UniSimMuted, UniSimEdits)
 PROPERTIES = (
     (bpy.types.Scene, "unisim_edits", PointerProperty(type=UniSimEdits)),
     (

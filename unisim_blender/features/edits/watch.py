@@ -14,7 +14,7 @@ from ...bridge.changes.following import dragging
 from ...bridge.objects.imported import has_drive
 from ...bridge.sampling import edit_list
 from ...bridge.sampling.adjacent_frames import BESIDE_SCENE
-from ...bridge.window import areas
+from ...bridge.window import areas, run_soon
 from ...editing.texts import Text
 
 BUDGET_S = 0.012
@@ -37,9 +37,8 @@ _at: list[tuple[str, Iterator[None]]] = []
 
 def want() -> None:
     """Have the edits of all scenes read that are not known; called while panels are drawn."""
-    if not bpy.app.background and not bpy.app.timers.is_registered(_read):
-        if any(not edit_list.reading_of(scene).fresh for scene in _scenes()):
-            bpy.app.timers.register(_read, first_interval=TICK_S)
+    if any(not edit_list.reading_of(scene).fresh for scene in _scenes()):
+        run_soon(_read, TICK_S)
 
 
 def _scenes() -> list[bpy.types.Scene]:
@@ -82,6 +81,7 @@ def _read() -> float | None:
 
 
 def _redraw() -> None:
+    """Draw the panels: those ask for lists to be read, and those that are not drawn again must show it."""
     for area in areas("VIEW_3D"):
         for region in area.regions:
             if region.type == "UI":
@@ -102,7 +102,7 @@ def note_changes(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None =
     now = time.monotonic()
     edit_list.reading_of(scene).mark(moved=moved or now - _beside_s > OWN_S)
     _changed_s = now
-    _soon()
+    run_soon(_redraw)
 
 
 @persistent
@@ -110,7 +110,7 @@ def look_again(*_: object) -> None:
     """Another file, or another state of this one."""
     edit_list.mark_all()
     _at.clear()
-    _soon()
+    run_soon(_redraw)
 
 
 @persistent
@@ -120,32 +120,13 @@ def forget(*_: object) -> None:
     look_again()
 
 
-def _soon() -> None:
-    """Have lists read that are in view: panels that are drawn ask for it, and those that are not drawn again must
-    show it."""
-    if not bpy.app.background and not bpy.app.timers.is_registered(_show_stale):
-        bpy.app.timers.register(_show_stale, first_interval=0.0)
-
-
-def _show_stale() -> None:
-    _redraw()
-
-
 HANDLERS = (
     ("depsgraph_update_post", note_changes),
     ("load_post", forget),
     ("undo_post", look_again),
     ("redo_post", look_again),
 )
-TIMERS = (_read, _show_stale)
+TIMERS = (_read, _redraw)
 
 
-def register() -> None:
-    """Begin to watch."""
-    forget()
-
-
-def unregister() -> None:
-    """Forget what was read."""
-    _at.clear()
-    edit_list.forget()
+register = forget

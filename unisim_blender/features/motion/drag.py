@@ -18,7 +18,7 @@ from mathutils import Vector
 
 from ...bridge.changes.handles import TransformSnapshot, displace_at
 from ...bridge.changes.motion import displaced_along, respeeded
-from ...bridge.objects.imported import class_of, imported_objects, source_of
+from ...bridge.objects.imported import class_of, drive_of, imported_objects, source_of
 from ...bridge.objects.sensors import aim, base_of, direction_of, is_keyed
 from ...bridge.objects.trajectories import keyed_pose, own_trajectory, trajectory_of
 from ...bridge.window import Need, allowed, object_mode, refresh, vehicle
@@ -34,7 +34,7 @@ from ...editing.sampled.clock import Clock
 from ...editing.sensors.mounts import angles
 from ...editing.texts import Text, kmh, series, translatable
 from ...translations import interface, localized, message, tooltip
-from ..operator_bases import Needing
+from ..operator_bases import Needing, in_m_s, in_metres, in_seconds
 from ..problems import fail
 from .overlay import Grip, graph_place, grips
 from .properties import graph_of, limits_of
@@ -52,6 +52,7 @@ TARGET_M = 5.0
 """Distance of the handle that turns a sensor from it, in metres."""
 VIEW_AXIS = Vector((0.0, 0.0, 1.0))
 """Out of the screen, in a view's axes."""
+UP = np.array([0.0, 0.0, 1.0])
 
 
 def moving_actor(context: bpy.types.Context) -> Need:
@@ -84,12 +85,28 @@ class Dragged:
         """Return what is changed with it, itself among it."""
         return [self.subject(context)]
 
+    def note(self: Any, context: bpy.types.Context) -> None:
+        """Note what is there before anything moves, by the mouse or by the operator's numbers."""
+
     def begin(self: Any, context: bpy.types.Context) -> None:
-        """Note what has to be known before anything moves."""
+        """Note what has to be known before the mouse moves anything, as ``origin`` (3,) the place that it drags."""
+
+    def clock(self: Any, context: bpy.types.Context) -> Clock:
+        """Return the drive's clock."""
+        return Clock.of(source_of(context.scene).drive)
+
+    def dragged(
+        self: Any, context: bpy.types.Context, pressed: FloatArray, mouse: FloatArray, normal: FloatArray = UP
+    ) -> FloatArray | None:
+        """Return by how much (3,) the mouse moved in a plane through the origin, by default that of the ground; None where
+        it does not point at it."""
+        first, now = (on_plane(*ray(context, at), self.origin, normal) for at in (pressed, mouse))
+        return None if first is None or now is None else now - first
 
     def execute(self: Any, context: bpy.types.Context) -> set[str]:
         """Move it by the operator's numbers."""
         try:
+            self.note(context)
             self.apply(context)
         except (UnisimError, OSError, ValueError) as fault:
             return fail(self, fault)
@@ -102,6 +119,7 @@ class Dragged:
         self.pressed, self.moved = (event.mouse_region_x, event.mouse_region_y), False
         self.starts = [(obj, TransformSnapshot.of(obj)) for obj in self.subjects(context)]
         try:
+            self.note(context)
             self.begin(context)
         except (UnisimError, OSError) as fault:
             return fail(self, fault)
@@ -161,11 +179,10 @@ class Dragged:
 class UNISIM_OT_drag_ego(Needing, Dragged, bpy.types.Operator):
     """Drag the ego vehicle with its sensors sideways into another lane, alike at every time"""
 
-    bl_idname = "unisim.drag_ego"
     bl_label = "Shift Ego Lane"
     needs = (object_mode, vehicle)
 
-    left_m: FloatProperty(name="Left", description="Negative: to the right", unit="LENGTH", options={"SKIP_SAVE"})
+    left_m: in_metres("Left", "Negative: to the right")
 
     def subject(self, context: bpy.types.Context) -> bpy.types.Object:
         """Return the vehicle."""
@@ -193,17 +210,12 @@ class UNISIM_OT_drag_ego(Needing, Dragged, bpy.types.Operator):
 
 
 class UNISIM_OT_drag_trajectory(Needing, Dragged, bpy.types.Operator):
-    """Drag the active actor's trajectory in the ground plane."""
+    """Drag the active actor's trajectory at this time in the ground plane; the change blends in and out over two seconds"""
 
-    bl_idname = "unisim.drag_trajectory"
     bl_label = "Displace Trajectory"
-    bl_description = (
-        "Drag the active actor's trajectory at this time in the ground plane; "
-        "the change blends in and out over two seconds"
-    )
     needs = (object_mode, moving_actor)
 
-    time_s: FloatProperty(name="At", description="In seconds of the log", unit="TIME_ABSOLUTE", options={"SKIP_SAVE"})
+    time_s: in_seconds("At", "In seconds of the log")
     offset_m: FloatVectorProperty(
         name="Offset", description="In the world's axes", subtype="XYZ_LENGTH", unit="LENGTH", options={"SKIP_SAVE"}
     )
@@ -212,10 +224,8 @@ class UNISIM_OT_drag_trajectory(Needing, Dragged, bpy.types.Operator):
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
         """Return the tooltip of a handle: which actor it displaces, and when."""
         name = context.active_object.name if context.active_object is not None else Text("the active actor")
-        try:
-            when = instant(properties.time_s, Clock.of(source_of(context.scene).drive))
-        except (UnisimError, OSError):
-            when = f"{properties.time_s:.2f} s"
+        drive, time_s = drive_of(context.scene), properties.time_s
+        when = f"{time_s:.2f} s" if drive is None else instant(time_s, Clock.of(drive))
         return tooltip(
             "Drag to displace {name} at {time} in the ground plane; the change blends in and out over 2 s on both sides",
             name=name, time=when,
@@ -226,16 +236,11 @@ class UNISIM_OT_drag_trajectory(Needing, Dragged, bpy.types.Operator):
         frame = float(self.clock(context).frame(np.array(self.time_s)))
         self.origin = keyed_pose(self.subject(context), frame)[:3, 3]
 
-    def clock(self, context: bpy.types.Context) -> Clock:
-        """Return the drive's clock."""
-        return Clock.of(source_of(context.scene).drive)
-
     def follow(self, context: bpy.types.Context, pressed: FloatArray, mouse: FloatArray, in_steps: bool) -> None:
         """Set the offset to what the mouse moved in the plane of the ground at the handle's height."""
-        up = np.array([0.0, 0.0, 1.0])
-        first, now = (on_plane(*ray(context, at), self.origin, up) for at in (pressed, mouse))
-        if first is not None and now is not None:
-            self.offset_m = [stepped(float(apart), STEP_M, in_steps) for apart in now - first]
+        moved = self.dragged(context, pressed, mouse)
+        if moved is not None:
+            self.offset_m = [stepped(float(apart), STEP_M, in_steps) for apart in moved]
 
     def apply(self, context: bpy.types.Context) -> None:
         """Key the displacement, and where it begins and ends."""
@@ -251,22 +256,15 @@ class UNISIM_OT_drag_trajectory(Needing, Dragged, bpy.types.Operator):
 class UNISIM_OT_drag_speed(Needing, Dragged, bpy.types.Operator):
     """Drag the active actor's speed at this time; it stays on its path, and speeds before and after it blend in and out"""
 
-    bl_idname = "unisim.drag_speed"
     bl_label = "Change Speed"
     needs = (object_mode, moving_actor)
 
-    time_s: FloatProperty(name="At", description="In seconds of the log", unit="TIME_ABSOLUTE", options={"SKIP_SAVE"})
-    speed_m_s: FloatProperty(
-        name="Speed", description="Speed at this time", min=0.0, unit="VELOCITY", options={"SKIP_SAVE"}
-    )
-    reach_s: FloatProperty(
-        name="Falloff",
-        description="Time before and after it in which the speed changes, less and less",
-        default=BLEND_S,
-        min=0.3,
-        max=20.0,
-        unit="TIME_ABSOLUTE",
-    )
+    time_s: in_seconds("At", "In seconds of the log")
+    speed_m_s: in_m_s("Speed", "Speed at this time", min=0.0)
+    reach_s: in_seconds(
+        "Falloff", "Time before and after it in which the speed changes, less and less", BLEND_S,
+        once=False, min=0.3, max=20.0,
+    )  # fmt: skip
     hint = translatable("{done}  |  Ctrl: steps, wheel: falloff, Esc: cancel")
 
     def subjects(self, context: bpy.types.Context) -> list[bpy.types.Object]:
@@ -309,13 +307,12 @@ class UNISIM_OT_drag_speed(Needing, Dragged, bpy.types.Operator):
 
     def apply(self, context: bpy.types.Context) -> None:
         """Put it to other places of its path from then on."""
-        clock = Clock.of(source_of(context.scene).drive)
-        args = self.time_s, self.speed_m_s, self.reach_s, clock
-        respeeded(self.subject(context), lambda keys: speed_at(keys, *args), clock)
+        args = self.time_s, self.speed_m_s, self.reach_s, self.clock(context)
+        respeeded(self.subject(context), lambda keys: speed_at(keys, *args), args[-1])
 
     def said(self, context: bpy.types.Context) -> str:
         """Return what is done, and how hard it brakes or speeds up around it."""
-        clock = Clock.of(source_of(context.scene).drive)
+        clock = self.clock(context)
         words: list[str] = [Text("{speed} at {time}", speed=kmh(self.speed_m_s), time=instant(self.time_s, clock))]
         graph = graph_of(context)
         if graph is not None:
@@ -360,7 +357,6 @@ class _Aimed:
 class UNISIM_OT_aim_sensor(_Aimed, bpy.types.Operator):
     """Turn the active camera or LiDAR on its mount, by yaw and pitch from the vehicle's axis"""
 
-    bl_idname = "unisim.aim_sensor"
     bl_label = "Aim Sensor"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -380,7 +376,6 @@ class UNISIM_OT_aim_sensor(_Aimed, bpy.types.Operator):
 class UNISIM_OT_drag_aim(_Aimed, Dragged, bpy.types.Operator):
     """Drag to aim the active sensor: its mount rotates by yaw and pitch"""
 
-    bl_idname = "unisim.drag_aim"
     bl_label = "Aim Sensor"
 
     def begin(self, context: bpy.types.Context) -> None:
@@ -393,10 +388,10 @@ class UNISIM_OT_drag_aim(_Aimed, Dragged, bpy.types.Operator):
     def follow(self, context: bpy.types.Context, pressed: FloatArray, mouse: FloatArray, in_steps: bool) -> None:
         """Set the angles to those of the handle, dragged in the plane that faces the view."""
         facing = np.array(context.region_data.view_rotation @ VIEW_AXIS, float)
-        first, now = (on_plane(*ray(context, at), self.origin, facing) for at in (pressed, mouse))
-        if first is None or now is None:
+        moved = self.dragged(context, pressed, mouse, facing)
+        if moved is None:
             return
-        yaw, pitch = angles(self.base.T @ (self.origin + now - first - self.place))
+        yaw, pitch = angles(self.base.T @ (self.origin + moved - self.place))
         self.yaw_deg, self.pitch_deg = (stepped(float(np.degrees(a)), STEP_DEG, in_steps) for a in (yaw, pitch))
 
 
@@ -409,17 +404,5 @@ def target_of(obj: bpy.types.Object) -> FloatArray:
 
 def ray(context: bpy.types.Context, mouse: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return origin (3,) and direction (3,) of the ray under the mouse in a 3D view."""
-    region, looks = context.region, context.region_data
-    at = mouse.tolist()
-    return np.array(region_2d_to_origin_3d(region, looks, at), float), np.array(
-        region_2d_to_vector_3d(region, looks, at), float
-    )
-
-
-CLASSES = (
-    UNISIM_OT_drag_ego,
-    UNISIM_OT_drag_trajectory,
-    UNISIM_OT_drag_speed,
-    UNISIM_OT_aim_sensor,
-    UNISIM_OT_drag_aim,
-)
+    args = context.region, context.region_data, mouse.tolist()
+    return np.array(region_2d_to_origin_3d(*args), float), np.array(region_2d_to_vector_3d(*args), float)

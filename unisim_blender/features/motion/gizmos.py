@@ -7,7 +7,8 @@ as they would lie over the image, unless Gizmos > In Recorded Views says otherwi
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable, Iterator
+from typing import Any, ClassVar
 
 import bpy
 import numpy as np
@@ -16,10 +17,10 @@ from mathutils import Matrix, Vector
 from mathutils.geometry import intersect_point_line
 
 from ...bridge.changes.handles import handles_of
-from ...bridge.objects.imported import imported_objects, source_of
+from ...bridge.objects.imported import drive_of, imported_objects
 from ...bridge.objects.sensors import is_keyed
 from ...bridge.sampling.stepping import frame_of
-from ...core.errors import UnisimError
+from ...core.geometry import FloatArray
 from ...editing.layout.shapes import INNER, arrow, disc
 from ...editing.motion.keys import HANDLE_LIMIT, Handle
 from ...editing.sampled.clock import Clock
@@ -148,6 +149,40 @@ class GizmosInView:
     bl_options = {"3D", "PERSISTENT", "SHOW_MODAL_ALL"}
 
 
+class Handles(GizmosInView):
+    """Base of groups of round handles, each of which starts ``operator`` with properties of its own. There are ``most``
+    of them; those that have no place are hidden."""
+
+    operator: ClassVar[str]
+    most: ClassVar[int] = 2
+    size: ClassVar[float] = HANDLE
+    colour: ClassVar[tuple[float, float, float]] = KEY_COLOUR
+
+    def setup(self: Any, context: bpy.types.Context) -> None:
+        """Make them."""
+        self.handles = []
+        for _ in range(self.most):
+            handle = self.gizmos.new(UNISIM_GT_dot.bl_idname)
+            handle.scale_basis = self.size
+            painted(handle, self.colour)
+            self.handles.append((handle, handle.target_set_operator(self.operator)))
+
+    def places(self: Any, context: bpy.types.Context) -> Iterable[tuple[FloatArray, dict[str, Any]]]:
+        """Return where handles are, each a place (3,) and what its operator is called with."""
+        raise NotImplementedError
+
+    def draw_prepare(self: Any, context: bpy.types.Context) -> None:
+        """Put the handles onto their places."""
+        places = list(self.places(context))
+        for i, (handle, properties) in enumerate(self.handles):
+            handle.hide = i >= len(places)
+            if not handle.hide:
+                place, given = places[i]
+                handle.matrix_basis = Matrix.Translation(Vector(place))
+                for name, value in given.items():
+                    setattr(properties, name, value)
+
+
 class UNISIM_GGT_lane(GizmosInView, bpy.types.GizmoGroup):
     """An arrow to the ego vehicle's left, which shifts its lane"""
 
@@ -173,10 +208,12 @@ class UNISIM_GGT_lane(GizmosInView, bpy.types.GizmoGroup):
             self.arrow.matrix_basis = standing(world.translation, world.to_3x3().col[1])
 
 
-class UNISIM_GGT_trajectory(GizmosInView, bpy.types.GizmoGroup):
+class UNISIM_GGT_trajectory(Handles, bpy.types.GizmoGroup):
     """Handles on the active actor's trajectory, which displace it at their time"""
 
     bl_label = "Trajectory"
+    operator = "unisim.drag_trajectory"
+    most = 2 * HANDLE_LIMIT
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -186,23 +223,11 @@ class UNISIM_GGT_trajectory(GizmosInView, bpy.types.GizmoGroup):
             are_shown(context) and met and context.active_object.select_get() and context.scene.unisim.show_ways
         )
 
-    def setup(self, context: bpy.types.Context) -> None:
-        """Make as many handles as there may be."""
-        self.handles = []
-        for _ in range(2 * HANDLE_LIMIT):
-            handle = self.gizmos.new(UNISIM_GT_dot.bl_idname)
-            handle.scale_basis = HANDLE
-            self.handles.append((handle, handle.target_set_operator("unisim.drag_trajectory")))
-
-    def draw_prepare(self, context: bpy.types.Context) -> None:
-        """Put the handles onto the trajectory; the others are hidden."""
-        handles = shown_handles(context)
-        for i, (handle, properties) in enumerate(self.handles):
-            handle.hide = i >= len(handles)
-            if not handle.hide:
-                handle.matrix_basis = Matrix.Translation(Vector(handles[i].place))
-                properties.time_s = handles[i].time_s
-                painted(handle, KEY_COLOUR if handles[i].is_key else SECOND_COLOUR)
+    def places(self, context: bpy.types.Context) -> Iterator[tuple[FloatArray, dict[str, Any]]]:
+        """Yield the places of keys and of whole seconds, each in its colour."""
+        for handle, (dot, _) in zip(shown_handles(context), self.handles, strict=False):
+            painted(dot, KEY_COLOUR if handle.is_key else SECOND_COLOUR)
+            yield handle.place, {"time_s": handle.time_s}
 
 
 class UNISIM_GGT_speed(bpy.types.GizmoGroup):
@@ -226,10 +251,11 @@ class UNISIM_GGT_speed(bpy.types.GizmoGroup):
         self.curve.use_draw_modal = True
 
 
-class UNISIM_GGT_aim(GizmosInView, bpy.types.GizmoGroup):
+class UNISIM_GGT_aim(Handles, bpy.types.GizmoGroup):
     """A handle ahead of the active sensor, which turns its mount"""
 
     bl_label = "Sensor Direction"
+    operator, most, size, colour = "unisim.drag_aim", 1, TARGET, AIM_COLOUR
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -240,26 +266,21 @@ class UNISIM_GGT_aim(GizmosInView, bpy.types.GizmoGroup):
         return not (through(context, "CAMERA") and context.scene.camera == context.active_object)
 
     def setup(self, context: bpy.types.Context) -> None:
-        """Make the handle, and a line to it that takes no clicks."""
+        """Make a line to the handle, that takes no clicks, and the handle."""
         self.line = self.gizmos.new("GIZMO_GT_arrow_3d")
         self.line.draw_options, self.line.hide_select = {"STEM"}, True
         self.line.use_draw_scale = False
-        self.target = self.gizmos.new(UNISIM_GT_dot.bl_idname)
-        self.target.scale_basis = TARGET
-        self.target.target_set_operator("unisim.drag_aim")
-        for gizmo in (self.line, self.target):
-            painted(gizmo, AIM_COLOUR)
-
-    def draw_prepare(self, context: bpy.types.Context) -> None:
-        """Put the handle ahead of the sensor."""
-        obj = context.active_object
-        if obj is None or not active_sensor(context)[0]:
-            return
-        target = Vector(target_of(obj))
-        place = obj.matrix_world.translation
-        self.line.matrix_basis = standing(place, target - place)
         self.line.length = TARGET_M
-        self.target.matrix_basis = Matrix.Translation(target)
+        painted(self.line, AIM_COLOUR)
+        super().setup(context)
+
+    def places(self, context: bpy.types.Context) -> Iterator[tuple[FloatArray, dict[str, Any]]]:
+        """Yield the place ahead of the sensor, to which the line leads."""
+        obj = context.active_object
+        if obj is not None and active_sensor(context)[0]:
+            target, place = target_of(obj), obj.matrix_world.translation
+            self.line.matrix_basis = standing(place, Vector(target) - place)
+            yield target, {}
 
 
 def shown_handles(context: bpy.types.Context) -> list[Handle]:
@@ -267,13 +288,10 @@ def shown_handles(context: bpy.types.Context) -> list[Handle]:
 
     In the middle of the actor there is none without a key: a drag that begins there is meant for the actor.
     """
-    obj = context.active_object
-    try:
-        clock = Clock.of(source_of(context.scene).drive)
-    except (UnisimError, OSError):
+    obj, drive = context.active_object, drive_of(context.scene)
+    if obj is None or drive is None:
         return []
-    if obj is None:
-        return []
+    clock = Clock.of(drive)
     now = float(clock.time_s(np.array(frame_of(context.scene))))
     return [handle for handle in handles_of(obj, clock) if handle.is_key or abs(handle.time_s - now) > BESIDE_S]
 
@@ -303,6 +321,4 @@ def draw_switches(self: bpy.types.Panel, context: bpy.types.Context) -> None:
         below.prop(context.scene.unisim_motion, "gizmos_in_cameras")
 
 
-GROUPS = (UNISIM_GGT_lane, UNISIM_GGT_trajectory, UNISIM_GGT_speed, UNISIM_GGT_aim)
-CLASSES = (UNISIM_GT_dot, UNISIM_GT_arrow, UNISIM_GT_speed, *GROUPS)
 MENUS = ((bpy.types.VIEW3D_PT_gizmo_display, draw_switches),)

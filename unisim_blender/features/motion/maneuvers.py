@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
 import bpy
 import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
-from mathutils import Matrix, Vector
 
 from ...bridge.changes.maneuvers import Maneuvering, OtherActors, best_seen, inserted_at, scenario_id
-from ...bridge.objects.imported import class_of, copy_of, imported_objects, source_of
+from ...bridge.objects.imported import class_of, copy_of, drive_of, imported_objects, source_of
 from ...bridge.objects.meshes import size_of
 from ...bridge.objects.trajectories import keyed_pose
 from ...bridge.views.actors import ego_poses, neighbours
@@ -23,31 +22,49 @@ from ...core.scenario.motion.maneuvers import FRONT_M
 from ...core.simulation.vehicle.parameters import Vehicle
 from ...editing.edits.maneuvers import ManeuverNote
 from ...editing.motion.braking import habits_of
-from ...editing.motion.keys import on_plane, stepped
+from ...editing.motion.keys import stepped
 from ...editing.motion.placement import taken_by
 from ...editing.readers.maneuvers import maneuver_words
 from ...editing.sampled.clock import Clock
 from ...editing.texts import Text, series
 from ...translations import localized, message
 from ..actors.appearances import choice_of, listed
-from ..operator_bases import Needing, reporting
-from .drag import Dragged, ray
-from .gizmos import GizmosInView, UNISIM_GT_dot, are_shown, painted
+from ..operator_bases import Needing, draw_split, in_m_s, in_m_s2, in_metres, in_seconds, reporting
+from .drag import Dragged
+from .gizmos import Handles, are_shown
 from .operators import FromTime
 
-KINDS = (
-    ("CUT_IN", "Cut-In", "Change into the lane of the ego vehicle in front of it", "LOOP_FORWARDS", 0),
-    (
-        "CROSS",
-        "Crossing",
-        "A pedestrian or cyclist crosses the path of the ego vehicle in front of it",
-        "ARMATURE_DATA",
-        1,
+
+class ManeuverKind(NamedTuple):
+    """A maneuver: its title, what it does, its icon, the classes of those that do it (none: any actor, which has to be
+    there), and the operator's settings for it."""
+
+    title: str
+    about: str
+    icon: str
+    groups: tuple[str, ...]
+    settings: tuple[str, ...]
+
+
+KINDS = {
+    "CUT_IN": ManeuverKind(
+        "Cut-In", "Change into the lane of the ego vehicle in front of it", "LOOP_FORWARDS", ("CAR", "TRUCK"),
+        ("who", "first_s", "side", "gap_by", "gap_s", "gap_m", "timed", "duration_s"),
     ),
-    ("LANE_CHANGE", "Lane Change", "Change to the lane beside", "ARROW_LEFTRIGHT", 2),
-    ("BRAKE", "Brake", "Brake from a time on", "PAUSE", 3),
-    ("PLATOON", "Platoon", "Copies that follow the actor", "CON_FOLLOWPATH", 4),
-)
+    "CROSS": ManeuverKind(
+        "Crossing", "A pedestrian or cyclist crosses the path of the ego vehicle in front of it", "ARMATURE_DATA",
+        ("PERSON", "CYCLE"), ("who", "first_s", "side", "gap_by", "gap_s", "gap_m", "speed_m_s", "from_m"),
+    ),
+    "LANE_CHANGE": ManeuverKind(
+        "Lane Change", "Change to the lane beside", "ARROW_LEFTRIGHT", (), ("first_s", "left_m", "timed", "duration_s")
+    ),
+    "BRAKE": ManeuverKind(
+        "Brake", "Brake from a time on", "PAUSE", (), ("first_s", "deceleration_m_s2", "speed_m_s")
+    ),
+    "PLATOON": ManeuverKind(
+        "Platoon", "Copies that follow the actor", "CON_FOLLOWPATH", (), ("count", "gap_s", "gap_m")
+    ),
+}  # fmt: skip
 SIDES = (
     ("OWN", "From where it drives", "From where the actor drives, which has to be beside the ego vehicle's path"),
     ("LEFT", "From the left", "From the lane or the roadside to the left of the ego vehicle"),
@@ -58,14 +75,6 @@ WHO = (
     ("NEW", "A new actor", "An actor like one of this drive is inserted for it"),
 )
 GAPS = (("TIME", "In time", "The gap is a time"), ("LENGTH", "As a length", "The gap is a length"))
-SHOWN = {
-    "CUT_IN": ("who", "first_s", "side", "gap_by", "gap", "timed", "duration_s"),
-    "CROSS": ("who", "first_s", "side", "gap_by", "gap", "speed_m_s", "from_m"),
-    "LANE_CHANGE": ("first_s", "left_m", "timed", "duration_s"),
-    "BRAKE": ("first_s", "deceleration_m_s2", "speed_m_s"),
-    "PLATOON": ("count", "gap_s", "gap_m"),
-}
-"""Properties by kind."""
 LEAD_S = 3.0
 """Time from the current frame until a crossing actor is on the ego vehicle's path, at first."""
 BESIDE_M = 0.4
@@ -96,48 +105,33 @@ def traffic_of(obj: bpy.types.Object) -> OtherActors:
 class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
     """Let the active actor, or a new one, do a maneuver; numbers can be changed afterwards (F9)"""
 
-    bl_idname = "unisim.maneuver"
     bl_label = "Maneuver"
     bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, drive)
 
-    kind: EnumProperty(name="Maneuver", description="What the actor does", items=KINDS)
+    kind: EnumProperty(
+        name="Maneuver", description="What the actor does",
+        items=[(name, kind.title, kind.about, kind.icon, i) for i, (name, kind) in enumerate(KINDS.items())],
+    )  # fmt: skip
     who: EnumProperty(name="Who", description="Actor that does it", items=WHO, options={"SKIP_SAVE"})
     side: EnumProperty(name="Side", description="Where the actor comes from", items=SIDES, options={"SKIP_SAVE"})
-    left_m: FloatProperty(
-        name="Sideways", description="Distance to the left; negative values are to the right",
-        default=3.5, soft_min=-8.0, soft_max=8.0, unit="LENGTH", options={"SKIP_SAVE"},
-    )  # fmt: skip
+    left_m: in_metres(
+        "Sideways", "Distance to the left; negative values are to the right", 3.5, soft_min=-8.0, soft_max=8.0
+    )
     gap_by: EnumProperty(name="Gap", description="How the gap is given", items=GAPS, options={"SKIP_SAVE"})
-    gap_s: FloatProperty(
-        name="Gap", description="Time from the front of the vehicle behind to the actor",
-        default=1.5, min=0.0, soft_max=5.0, unit="TIME_ABSOLUTE", options={"SKIP_SAVE"},
-    )  # fmt: skip
-    gap_m: FloatProperty(
-        name="Gap", description="Distance from the front of the vehicle behind to the actor",
-        default=10.0, min=0.0, soft_max=50.0, unit="LENGTH", options={"SKIP_SAVE"},
-    )  # fmt: skip
+    gap_s: in_seconds("Gap", "Time from the front of the vehicle behind to the actor", 1.5, min=0.0, soft_max=5.0)
+    gap_m: in_metres("Gap", "Distance from the front of the vehicle behind to the actor", 10.0, min=0.0, soft_max=50.0)
     timed: BoolProperty(
         name="Set Duration",
         description="Give the duration of the lane change; comfortable otherwise",
         options={"SKIP_SAVE"},
     )
-    duration_s: FloatProperty(
-        name="Duration", description="Duration of the lane change",
-        default=4.0, min=0.5, soft_max=10.0, unit="TIME_ABSOLUTE", options={"SKIP_SAVE"},
-    )  # fmt: skip
-    deceleration_m_s2: FloatProperty(
-        name="Deceleration", description="Deceleration while it brakes",
-        default=2.0, min=0.1, soft_max=10.0, unit="ACCELERATION", options={"SKIP_SAVE"},
-    )  # fmt: skip
-    speed_m_s: FloatProperty(
-        name="Speed", description="Speed across the path, or after braking",
-        default=0.0, min=0.0, soft_max=15.0, unit="VELOCITY", options={"SKIP_SAVE"},
-    )  # fmt: skip
-    from_m: FloatProperty(
-        name="Stands Aside", description="Distance from the path at which it stands before and after",
-        default=6.0, min=1.0, soft_max=30.0, unit="LENGTH", options={"SKIP_SAVE"},
-    )  # fmt: skip
+    duration_s: in_seconds("Duration", "Duration of the lane change", 4.0, min=0.5, soft_max=10.0)
+    deceleration_m_s2: in_m_s2("Deceleration", "Deceleration while it brakes", 2.0, min=0.1, soft_max=10.0)
+    speed_m_s: in_m_s("Speed", "Speed across the path, or after braking", min=0.0, soft_max=15.0)
+    from_m: in_metres(
+        "Stands Aside", "Distance from the path at which it stands before and after", 6.0, min=1.0, soft_max=30.0
+    )
     count: IntProperty(
         name="Copies", description="Number of copies", default=3, min=1, soft_max=10, options={"SKIP_SAVE"}
     )
@@ -146,39 +140,34 @@ class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
         """Return the tooltip of a maneuver."""
-        return next(about for kind, _, about, *_ in KINDS if kind == properties.kind)
+        return KINDS[properties.kind].about
+
+    def settings(self, **given: Any) -> dict[str, Any]:
+        """Return the settings that the maneuver has, of other values where these are ``given``: one of both gaps, and a
+        duration only where it is set."""
+        values = {name: given.get(name, getattr(self, name)) for name in KINDS[self.kind].settings}
+        if "gap_by" in values:
+            del values["gap_m" if values["gap_by"] == "TIME" else "gap_s"]
+        if not values.get("timed"):
+            values.pop("duration_s", None)
+        return values
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the numbers of the maneuver."""
-        layout = self.layout
-        layout.use_property_split, layout.use_property_decorate = True, False
-        for name in SHOWN[self.kind]:
-            if name == "gap":
-                layout.prop(self, "gap_s" if self.gap_by == "TIME" else "gap_m")
-            elif name == "first_s":
-                layout.prop(self, name, text="On the Path At" if self.kind == "CROSS" else "From")
-            elif name != "duration_s" or self.timed:
-                layout.prop(self, name)
+        draw_split(self)
+        for name in self.settings():
+            if name == "first_s":
+                self.layout.prop(self, name, text="On the Path At" if self.kind == "CROSS" else "From")
+            else:
+                self.layout.prop(self, name)
 
     def values(self, **given: Any) -> dict[str, Any]:
         """Return the maneuver as JSON, of other numbers where these are ``given``."""
-
-        def of(name: str) -> Any:
-            value = given.get(name, getattr(self, name))
-            return round(value, 5) if isinstance(value, float) else value
-
-        values = {"type": self.kind.lower(), "at_s": of("first_s")}
-        if self.kind in ("CUT_IN", "CROSS"):
-            gap = "gap_s" if of("gap_by") == "TIME" else "gap_m"
-            side = {} if of("side") == "OWN" else {"side": of("side").lower()}
-            values |= {**side, gap: of(gap)}
-        numbers = {
-            "CROSS": ("speed_m_s", "from_m"),
-            "LANE_CHANGE": ("left_m",),
-            "BRAKE": ("deceleration_m_s2", "speed_m_s"),
-        }
-        values |= {name: of(name) for name in numbers.get(self.kind, ())}
-        return values | ({"duration_s": of("duration_s")} if self.timed and "timed" in SHOWN[self.kind] else {})
+        settings = self.settings(**given)
+        side = settings.get("side", "OWN")
+        numbers = {name: round(value, 5) for name, value in settings.items() if isinstance(value, float)}
+        values = {"type": self.kind.lower(), "at_s": numbers.pop("first_s"), **numbers}
+        return values if side == "OWN" else {**values, "side": side.lower()}
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -191,12 +180,12 @@ class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
         self.start_at(context.scene, clock)
         self.first_s = self.start_s(clock)
         active = next((obj for obj in actors if obj == context.active_object), actors[0] if actors else None)
-        if self.kind in ("LANE_CHANGE", "BRAKE", "PLATOON"):
+        groups = KINDS[self.kind].groups
+        if not groups:
             if active is None:
                 raise UnisimError(message("Select a moving actor first"))
             changed = self.platoon(context, active) if self.kind == "PLATOON" else [active]
         else:
-            groups = ("CAR", "TRUCK") if self.kind == "CUT_IN" else ("PERSON", "CYCLE")
             fits = active is not None and group_of(class_of(active, source.drive)) in groups
             if not self.properties.is_property_set("who"):
                 self.who = "SELECTED" if fits else "NEW"
@@ -226,7 +215,7 @@ class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
             if self.kind == "BRAKE":
                 tried = [{"deceleration_m_s2": habits.comfortable_m_s2}]
             rounds = [tried]
-            if self.kind in ("CUT_IN", "CROSS"):
+            if KINDS[self.kind].groups:
                 rounds = [[{"side": side, **numbers} for side in sides for numbers in tried]]
                 if self.kind == "CUT_IN" and self.who == "SELECTED":  # from where it drives, if it can
                     rounds.insert(0, [{"side": "OWN", **numbers} for numbers in tried])
@@ -267,11 +256,10 @@ class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
     def platoon(self, context: bpy.types.Context, leader: bpy.types.Object) -> list[bpy.types.Object]:
         """Return copies of an actor, each of which follows the one before."""
         copies = [leader]
-        gaps = {"gap_s": round(self.gap_s, 5), "gap_m": round(self.gap_m, 5)}
         for name, value in PLATOON.items():
             if not self.properties.is_property_set(name):
                 setattr(self, name, value)
-                gaps[name] = value
+        gaps = {name: round(getattr(self, name), 5) for name in PLATOON}
         for _ in range(self.count):
             ahead, copy = copies[-1], copy_of(context, copies[-1])
             copy.unisim.maneuvers = ""
@@ -340,14 +328,13 @@ ABOVE_M = 0.7
 class UNISIM_OT_drag_maneuver(Needing, Dragged, bpy.types.Operator):
     """Drag a number of the active actor's maneuver: its gap, distance or deceleration, or when it begins"""
 
-    bl_idname = "unisim.drag_maneuver"
     bl_label = "Change Maneuver"
     needs = (object_mode, selected("Select an actor first", "ACTOR"))
 
     number: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
     value: FloatProperty(name="Value", description="Number of the maneuver", options={"SKIP_SAVE"})
 
-    def begin(self, context: bpy.types.Context) -> None:
+    def note(self, context: bpy.types.Context) -> None:
         """Note the maneuver, and how its place moves with the number."""
         scene, obj = context.scene, self.subject(context)
         actors = list(imported_objects(scene, "ACTOR"))
@@ -373,21 +360,11 @@ class UNISIM_OT_drag_maneuver(Needing, Dragged, bpy.types.Operator):
 
     def follow(self, context: bpy.types.Context, pressed: FloatArray, mouse: FloatArray, in_steps: bool) -> None:
         """Set the number to what the mouse moved in the plane of the ground."""
-        up = np.array([0.0, 0.0, 1.0])
-        first, now = (on_plane(*ray(context, at), self.origin, up) for at in (pressed, mouse))
-        if first is not None and now is not None:
-            away = float((now - first) @ self.slope / max(float(self.slope @ self.slope), 1e-6))
+        moved = self.dragged(context, pressed, mouse)
+        if moved is not None:
+            away = float(moved @ self.slope / max(float(self.slope @ self.slope), 1e-6))
             step = STEPS[next(end for end in ("_s2", "_s", "_m") if self.number.endswith(end))]
             self.value = stepped(self.first + away, step, in_steps)
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Set the number."""
-        try:
-            self.begin(context)
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
-        return super().execute(context)
 
     def apply(self, context: bpy.types.Context) -> None:
         """Do the maneuver with the number, or as it was where it cannot be."""
@@ -409,10 +386,11 @@ class UNISIM_OT_drag_maneuver(Needing, Dragged, bpy.types.Operator):
         return self.fault or series([self.subject(context).name, maneuver_words(note.edits(self.before.uid)[-1])], ": ")
 
 
-class UNISIM_GGT_maneuver(GizmosInView, bpy.types.GizmoGroup):
+class UNISIM_GGT_maneuver(Handles, bpy.types.GizmoGroup):
     """Handles for the numbers of the active actor's last maneuver"""
 
     bl_label = "Maneuver"
+    operator, size, colour = "unisim.drag_maneuver", 0.13, (1.0, 0.45, 0.1)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -420,29 +398,8 @@ class UNISIM_GGT_maneuver(GizmosInView, bpy.types.GizmoGroup):
         obj = context.active_object
         return bool(are_shown(context) and obj is not None and obj.unisim.maneuvers and obj.select_get())
 
-    def setup(self, context: bpy.types.Context) -> None:
-        """Make as many handles as there may be."""
-        self.handles = []
-        for _ in range(2):
-            handle = self.gizmos.new(UNISIM_GT_dot.bl_idname)
-            handle.scale_basis = HANDLE
-            painted(handle, COLOUR)
-            self.handles.append((handle, handle.target_set_operator("unisim.drag_maneuver")))
-
-    def draw_prepare(self, context: bpy.types.Context) -> None:
-        """Put the handles above the actor's places; the others are hidden."""
-        obj = context.active_object
-        try:
-            places = maneuver_handles(obj, Clock.of(source_of(context.scene).drive)) if obj is not None else []
-        except (UnisimError, OSError):
-            places = []
-        for i, (handle, properties) in enumerate(self.handles):
-            handle.hide = i >= len(places)
-            if not handle.hide:
-                properties.number, place = places[i]
-                handle.matrix_basis = Matrix.Translation(Vector(place))
-
-
-COLOUR, HANDLE = (1.0, 0.45, 0.1), 0.13
-"""Of handles of maneuvers."""
-CLASSES = (UNISIM_OT_maneuver, UNISIM_OT_drag_maneuver, UNISIM_GGT_maneuver)
+    def places(self, context: bpy.types.Context) -> Iterator[tuple[FloatArray, dict[str, Any]]]:
+        """Yield the places above the actor."""
+        obj, recorded = context.active_object, drive_of(context.scene)
+        if obj is not None and recorded is not None:
+            yield from ((place, {"number": name}) for name, place in maneuver_handles(obj, Clock.of(recorded)))

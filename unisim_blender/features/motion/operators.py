@@ -8,11 +8,12 @@ from bpy.props import EnumProperty, FloatProperty
 
 from ...bridge.changes.maneuvers import Maneuvering
 from ...bridge.changes.motion import displaced_along, follow, respeeded, retimed, shift
-from ...bridge.objects.imported import class_of, source_of
+from ...bridge.objects.imported import class_of, drive_of, source_of
 from ...bridge.objects.meshes import size_of
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.window import allowed, chosen, counted_names, object_mode, refresh, selected
 from ...core.errors import UnisimError
+from ...core.geometry import FloatArray
 from ...core.world.drive import Drive
 from ...editing.motion.braking import Approach, Habits, habits_of, other_speed
 from ...editing.motion.kinematics import describe
@@ -21,7 +22,7 @@ from ...editing.motion.retiming import Retiming, followed, followed_briefly, lat
 from ...editing.sampled.clock import Clock
 from ...editing.texts import UPPER, cased, series
 from ...translations import localized, message
-from ..operator_bases import Needing, reporting
+from ..operator_bases import Editing, Needing, draw_split, in_m_s, in_m_s2, in_metres, in_seconds, reporting
 
 BRAKING = (
     ("COMFORTABLE", "Comfortable", "As actors of this class brake ordinarily"),
@@ -33,13 +34,7 @@ BRAKING = (
 class FromTime:
     """Base of operators that begin at a time of the log: the current frame's, unless it is given."""
 
-    first_s: FloatProperty(
-        name="From",
-        description="Start time, in seconds of the log",
-        default=0.0,
-        unit="TIME_ABSOLUTE",
-        options={"SKIP_SAVE"},
-    )
+    first_s: in_seconds("From", "Start time, in seconds of the log")
 
     def start_at(self: Any, scene: bpy.types.Scene, clock: Clock) -> None:
         """Keep the current frame's time, so that the operator done again does the same, whichever frame is shown."""
@@ -56,14 +51,10 @@ class Braking:
     """Base of operators that let actors brake."""
 
     braking: EnumProperty(name="Braking", description="How hard the actor brakes", items=BRAKING)
-    deceleration_m_s2: FloatProperty(
-        name="Deceleration",
-        description="Deceleration while it brakes; other speeds are also sped up to by it",
-        default=2.0,
-        min=0.1,
-        soft_max=10.0,
-        unit="ACCELERATION",
-    )
+    deceleration_m_s2: in_m_s2(
+        "Deceleration", "Deceleration while it brakes; other speeds are also sped up to by it", 2.0,
+        once=False, min=0.1, soft_max=10.0,
+    )  # fmt: skip
 
     def deceleration_of(self: Any, habits: Habits) -> float:
         """Return the deceleration of an actor."""
@@ -86,25 +77,22 @@ def actor_habits(obj: bpy.types.Object, drive: Drive) -> Habits:
     return habits_of(class_of(obj, drive))
 
 
+def curve_line(context: bpy.types.Context, curve: bpy.types.Object) -> FloatArray:
+    """Return the points (P, 3) of a curve in the world."""
+    evaluated = curve.evaluated_get(context.evaluated_depsgraph_get())
+    line = np.array([curve.matrix_world @ vertex.co for vertex in evaluated.to_mesh().vertices], float)
+    evaluated.to_mesh_clear()
+    return line
+
+
 class UNISIM_OT_follow_curve(FromTime, Braking, bpy.types.Operator):
     """Move the selected actors along the selected curve, from a time on, and stop them at its end"""
 
-    bl_idname = "unisim.follow_curve"
     bl_label = "Follow Curve"
     bl_options = {"REGISTER", "UNDO"}
 
-    speed_m_s: FloatProperty(
-        name="Speed",
-        description="Speed along the curve, until it brakes to stop at the end",
-        default=8.0,
-        min=0.1,
-        soft_max=40.0,
-        unit="VELOCITY",
-        options={"SKIP_SAVE"},
-    )
-    length_m: FloatProperty(
-        name="Length", description="Length of the curve", unit="LENGTH", options={"HIDDEN", "SKIP_SAVE"}
-    )
+    speed_m_s: in_m_s("Speed", "Speed along the curve, until it brakes to stop at the end", 8.0, min=0.1, soft_max=40.0)
+    length_m: FloatProperty(unit="LENGTH", options={"HIDDEN", "SKIP_SAVE"})
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -117,9 +105,8 @@ class UNISIM_OT_follow_curve(FromTime, Braking, bpy.types.Operator):
         """Draw the settings, and how long the curve takes in seconds and frames."""
         self.layout.prop(self, "first_s")
         self.layout.prop(self, "speed_m_s")
-        try:
-            drive = source_of(context.scene).drive
-        except (UnisimError, OSError):
+        drive = drive_of(context.scene)
+        if drive is None:
             return
         habits, clock = actor_habits(chosen(context, "ACTOR")[0], drive), Clock.of(drive)
         self.draw_braking(habits)
@@ -134,10 +121,7 @@ class UNISIM_OT_follow_curve(FromTime, Braking, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Keys along the curve; the actors' undersides are on it."""
         curve = next(obj for obj in context.selected_objects if obj.type == "CURVE")
-        evaluated = curve.evaluated_get(context.evaluated_depsgraph_get())
-        mesh = evaluated.to_mesh()
-        line = np.array([curve.matrix_world @ vertex.co for vertex in mesh.vertices], float)
-        evaluated.to_mesh_clear()
+        line = curve_line(context, curve)
         self.length_m = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
         if len(line) < 2 or self.length_m == 0:
             raise UnisimError(message('curve "{name}" has fewer than two points', name=curve.name))
@@ -154,12 +138,10 @@ class UNISIM_OT_follow_curve(FromTime, Braking, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_snap_to_ground(Needing, bpy.types.Operator):
+class UNISIM_OT_snap_to_ground(Editing, bpy.types.Operator):
     """Place the selected actors and static items on the ground below them, at the current frame"""
 
-    bl_idname = "unisim.snap_to_ground"
     bl_label = "Snap to Ground"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor or a static item first", "ACTOR", "STATIC"))
 
     @reporting
@@ -199,35 +181,22 @@ NEEDED = {
 class UNISIM_OT_retime_actor(FromTime, Braking, Needing, bpy.types.Operator):
     """Change when the selected actors are where on their trajectories"""
 
-    bl_idname = "unisim.retime_actor"
     bl_label = "Retime Actor"
     bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor first", "ACTOR"))
 
     mode: EnumProperty(name="Mode", description="Kind of time change", items=MODES, default="DELAY")
-    seconds: FloatProperty(
-        name="Seconds",
-        description="Delay or duration of the stop, in seconds of the log",
-        default=0.5,
-        unit="TIME_ABSOLUTE",
-    )
+    seconds: in_seconds("Seconds", "Delay or duration of the stop, in seconds of the log", 0.5, once=False)
     speed: FloatProperty(name="Speed", description="Factor of the original speed", default=0.5, min=0.01, soft_max=4.0)
-    last_s: FloatProperty(
-        name="To",
-        description="End time, in seconds of the log",
-        default=2.0,
-        unit="TIME_ABSOLUTE",
-        options={"SKIP_SAVE"},
-    )
+    last_s: in_seconds("To", "End time, in seconds of the log", 2.0)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Show what the chosen mode needs, in seconds and in frames."""
         self.layout.prop(self, "mode")
         for name in NEEDED[self.mode]:
             self.layout.prop(self, name)
-        try:
-            drive = source_of(context.scene).drive
-        except (UnisimError, OSError):
+        drive = drive_of(context.scene)
+        if drive is None:
             return
         if self.mode != "DELAY":
             self.draw_braking(actor_habits(chosen(context, "ACTOR")[0], drive))
@@ -285,51 +254,33 @@ class UNISIM_OT_retime_actor(FromTime, Braking, Needing, bpy.types.Operator):
         return 0.0 if change is None else change.hardest_m_s2
 
 
-class UNISIM_OT_shift_actor(Needing, bpy.types.Operator):
+class UNISIM_OT_shift_actor(Editing, bpy.types.Operator):
     """Shift the selected actors sideways, along the path of their trajectory and in time, alike at every time"""
 
-    bl_idname = "unisim.shift_actor"
     bl_label = "Shift Actor"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor first", "ACTOR"))
 
-    left_m: FloatProperty(
-        name="Sideways",
-        description="Shift to the left of the actor; negative values shift to the right",
-        default=1.0,
-        soft_min=-10.0,
-        soft_max=10.0,
-        unit="LENGTH",
-    )
-    ahead_m: FloatProperty(
-        name="Along Path",
-        description="Forward by this length of the trajectory's path, round its turns, and straight on beyond its ends; "
+    left_m: in_metres(
+        "Sideways", "Shift to the left of the actor; negative values shift to the right", 1.0,
+        once=False, soft_min=-10.0, soft_max=10.0,
+    )  # fmt: skip
+    ahead_m: in_metres(
+        "Along Path",
+        "Forward by this length of the trajectory's path, round its turns, and straight on beyond its ends; "
         "actors that do not move are shifted along their own axis; negative values shift backward",
-        default=0.0,
-        soft_min=-50.0,
-        soft_max=50.0,
-        unit="LENGTH",
-    )
-    later_s: FloatProperty(
-        name="Later",
-        description="Shift in time in seconds of the log, including when the actor is present; negative values shift earlier",
-        default=0.0,
-        soft_min=-10.0,
-        soft_max=10.0,
-        unit="TIME_ABSOLUTE",
-    )
+        once=False, soft_min=-50.0, soft_max=50.0,
+    )  # fmt: skip
+    later_s: in_seconds(
+        "Later", "Shift in time in seconds of the log, including when the actor is present; negative values shift earlier",
+        once=False, soft_min=-10.0, soft_max=10.0,
+    )  # fmt: skip
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the three amounts, and how many frames the seconds are."""
-        layout = self.layout
-        layout.use_property_split, layout.use_property_decorate = True, False
-        for name in ("left_m", "ahead_m", "later_s"):
-            layout.prop(self, name)
-        try:
-            clock = Clock.of(source_of(context.scene).drive)
-        except (UnisimError, OSError):
-            return
-        layout.label(text=localized(later_or_earlier(self.later_s, clock)), translate=False)
+        draw_split(self, "left_m", "ahead_m", "later_s")
+        drive = drive_of(context.scene)
+        if drive is not None:
+            self.layout.label(text=localized(later_or_earlier(self.later_s, Clock.of(drive))), translate=False)
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -343,11 +294,3 @@ class UNISIM_OT_shift_actor(Needing, bpy.types.Operator):
             summary = message("{sentence} (and {count} more)", sentence=summary, count=len(said) - 1)
         self.report({"INFO"}, summary)
         return {"FINISHED"}
-
-
-CLASSES = (
-    UNISIM_OT_follow_curve,
-    UNISIM_OT_snap_to_ground,
-    UNISIM_OT_retime_actor,
-    UNISIM_OT_shift_actor,
-)

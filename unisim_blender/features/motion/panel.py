@@ -35,6 +35,3 @@ class UNISIM_PT_motion(DrivePanel, bpy.types.Panel):
         column.label(text="Limits of vehicles")
         for name in NAMES:
             column.prop(scene.unisim_motion, name)
-
-
-CLASSES = (UNISIM_PT_motion,)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import bpy
 from bpy.props import BoolProperty, FloatProperty, PointerProperty
 
-from ...bridge.objects.imported import source_of
+from ...bridge.objects.imported import drive_of
 from ...bridge.views.trails import compared_now
-from ...core.errors import UnisimError
 from ...editing.motion.kinematics import Limits, MotionComparison
 from ...editing.sampled.clock import Clock
 
@@ -73,13 +72,9 @@ def graph_of(context: bpy.types.Context) -> MotionComparison | None:
     obj = context.active_object
     if obj is None or obj.unisim.kind not in ("ACTOR", "EGO") or obj.name not in context.scene.objects:
         return None
-    try:
-        drive = source_of(context.scene).drive
-    except (UnisimError, OSError):
-        return None
-    return compared_now(obj, drive, Clock.of(drive), limits_of(context.scene))
+    drive = drive_of(context.scene)
+    return None if drive is None else compared_now(obj, drive, Clock.of(drive), limits_of(context.scene))
 
 
 NAMES = ("acceleration_m_s2", "lateral_m_s2", "curvature_1_m")
-CLASSES = (UniSimMotion,)
 PROPERTIES = ((bpy.types.Scene, "unisim_motion", PointerProperty(type=UniSimMotion)),)

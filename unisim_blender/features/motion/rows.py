@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import bpy
 import numpy as np
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
-from mathutils import Matrix, Vector
+from bpy.props import BoolProperty, EnumProperty, FloatVectorProperty, IntProperty, StringProperty
 
 from ...bridge.changes.rows import Boxes, arranged, copies, members
 from ...bridge.objects.imported import as_imported, class_of, imported_objects, source_of
@@ -24,15 +24,16 @@ from ...core.scenario.edits.row import EGO, Row, clear, standing
 from ...core.scenario.motion.maneuvers import DrivenPath
 from ...core.world.drive import Drive
 from ...editing.edits.lines import metres
-from ...editing.motion.keys import on_plane, stepped
+from ...editing.motion.keys import stepped
 from ...editing.readers.actors import row_of
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import rigid
 from ...editing.texts import Text, free_name, series
 from ...translations import localized, message
-from ..operator_bases import Needing, reporting
-from .drag import STEP_M, Dragged, ray
-from .gizmos import HANDLE, KEY_COLOUR, GizmosInView, UNISIM_GT_dot, are_shown, painted
+from ..operator_bases import Needing, draw_split, in_metres, reporting
+from .drag import STEP_M, Dragged
+from .gizmos import HANDLE, Handles, are_shown
+from .operators import curve_line
 
 PATHS = (
     ("EGO", "Ego Vehicle", "Along the recorded path of the ego vehicle"),
@@ -69,10 +70,7 @@ def curve_points(context: bpy.types.Context) -> tuple[tuple[float, float, float]
     curve = next((obj for obj in context.selected_objects if obj.type == "CURVE"), None)
     if curve is None:
         raise UnisimError(message("select a curve in addition (Add > Curve)"))
-    evaluated = curve.evaluated_get(context.evaluated_depsgraph_get())
-    points = [curve.matrix_world @ vertex.co for vertex in evaluated.to_mesh().vertices]
-    evaluated.to_mesh_clear()
-    return tuple((round(p.x, 4), round(p.y, 4), round(p.z, 4)) for p in points)
+    return tuple((x, y, z) for x, y, z in curve_line(context, curve).round(4).tolist())
 
 
 class PlacesRow(Needing):
@@ -84,45 +82,24 @@ class PlacesRow(Needing):
     """Number of places by which the row may begin earlier than at first."""
 
     along: EnumProperty(name="Along", description="Path that the row follows", items=PATHS, options={"SKIP_SAVE"})
-    start_m: FloatProperty(name="From", description="Along the path", unit="LENGTH", options={"SKIP_SAVE"})
-    end_m: FloatProperty(name="To", description="Along the path", unit="LENGTH", options={"SKIP_SAVE"})
+    start_m: in_metres("From", "Along the path")
+    end_m: in_metres("To", "Along the path")
     by_spacing: BoolProperty(
         name="By Spacing", description="State the spacing and not the number", options={"SKIP_SAVE"}
     )
     count: IntProperty(name="Number", description="Number of places", min=1, max=1000, options={"SKIP_SAVE"})
-    spacing_m: FloatProperty(
-        name="Spacing", description="From one to the next", default=4.0, min=0.1, unit="LENGTH", options={"SKIP_SAVE"}
-    )
-    left_m: FloatProperty(
-        name="Sideways",
-        description="To the left of the path; negative: to the right",
-        unit="LENGTH",
-        options={"SKIP_SAVE"},
-    )
-    end_left_m: FloatProperty(
-        name="Sideways at the End",
-        description="The row goes over to this distance",
-        unit="LENGTH",
-        options={"SKIP_SAVE"},
-    )
-    variation_m: FloatProperty(
-        name="Variation",
-        description="By how much each stands elsewhere along the row; it is also a little aside and turned",
-        min=0.0,
-        unit="LENGTH",
-        options={"SKIP_SAVE"},
+    spacing_m: in_metres("Spacing", "From one to the next", 4.0, min=0.1)
+    left_m: in_metres("Sideways", "To the left of the path; negative: to the right")
+    end_left_m: in_metres("Sideways at the End", "The row goes over to this distance")
+    variation_m: in_metres(
+        "Variation", "By how much each stands elsewhere along the row; it is also a little aside and turned", min=0.0
     )
     source: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
     id: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     def draw(self: Any, context: bpy.types.Context) -> None:
-        """Draw the numbers."""
-        layout = self.layout
-        layout.use_property_split, layout.use_property_decorate = True, False
-        spaced = "spacing_m" if self.by_spacing else "count"
-        for name in NUMBERS:
-            if name not in ("count", "spacing_m") or name == spaced:
-                layout.prop(self, name)
+        """Draw the numbers, but for the spacing or the number that follows from the other."""
+        draw_split(self, *(name for name in NUMBERS if name != ("count" if self.by_spacing else "spacing_m")))
 
     def found(self: Any, context: bpy.types.Context, recorded: Drive) -> bpy.types.Object | None:
         """Return what is copied; None where nothing fits."""
@@ -177,20 +154,13 @@ class PlacesRow(Needing):
 
     def row(self: Any, context: bpy.types.Context, obj: bpy.types.Object, recorded: Drive) -> Row:
         """Return the row as it is set."""
+        metres_of = {name: round(getattr(self, name), 3) for name in NUMBERS if name.endswith("_m")}
+        if not self.by_spacing:
+            metres_of["spacing_m"] = None
         along = nearest_driver(obj, recorded) if self.along == "ACTOR" else EGO if self.along == "EGO" else None
-        return Row(
-            obj.unisim.uid,
-            self.id,
-            round(self.start_m, 3),
-            round(self.end_m, 3),
-            count=None if self.by_spacing else self.count,
-            spacing_m=round(self.spacing_m, 3) if self.by_spacing else None,
-            along=along,
-            path=curve_points(context) if self.along == "CURVE" else None,
-            left_m=round(self.left_m, 3),
-            end_left_m=round(self.end_left_m, 3),
-            variation_m=round(self.variation_m, 3),
-        )
+        path = curve_points(context) if self.along == "CURVE" else None
+        count = None if self.by_spacing else self.count
+        return Row(obj.unisim.uid, self.id, **metres_of, count=count, along=along, path=path)
 
     def without(self: Any, context: bpy.types.Context) -> set[str]:
         """Say what is needed."""
@@ -227,7 +197,6 @@ def row_words(row: Row, count: int) -> Text:
 class UNISIM_OT_row_of_cones(PlacesRow, bpy.types.Operator):
     """Put cones, copies of one of the drive or of the selected item, in a row beside the ego vehicle's path or a curve"""
 
-    bl_idname = "unisim.row_of_cones"
     bl_label = "Row of Cones"
 
     def found(self, context: bpy.types.Context, recorded: Drive) -> bpy.types.Object | None:
@@ -274,7 +243,6 @@ def is_cone(obj: bpy.types.Object, recorded: Drive) -> bool:
 class UNISIM_OT_parked_row(PlacesRow, bpy.types.Operator):
     """Put copies of the selected car that stands in a row along the kerb, a little different from each other"""
 
-    bl_idname = "unisim.parked_row"
     bl_label = "Parked Row"
     back = FARTHEST
 
@@ -305,7 +273,6 @@ def in_row(context: bpy.types.Context) -> Need:
 class UNISIM_OT_drag_row(Needing, Dragged, bpy.types.Operator):
     """Drag the end of the active actor's row along its path and aside"""
 
-    bl_idname = "unisim.drag_row"
     bl_label = "Change Row"
     needs = (object_mode, in_row)
 
@@ -318,7 +285,7 @@ class UNISIM_OT_drag_row(Needing, Dragged, bpy.types.Operator):
         """Return none: the row is arranged again."""
         return []
 
-    def begin(self, context: bpy.types.Context) -> None:
+    def note(self, context: bpy.types.Context) -> None:
         """Note the row, its path, and what it keeps clear of."""
         self.before = self.now = stated(context)
         self.drive = source_of(context.scene).drive
@@ -328,16 +295,13 @@ class UNISIM_OT_drag_row(Needing, Dragged, bpy.types.Operator):
 
     def follow(self, context: bpy.types.Context, pressed: FloatArray, mouse: FloatArray, in_steps: bool) -> None:
         """Set the end to where the mouse moved it on the ground."""
-        up = np.array([0.0, 0.0, 1.0])
-        first, now = (on_plane(*ray(context, at), self.origin, up) for at in (pressed, mouse))
-        if first is not None and now is not None:
-            gone, left, _ = self.course.nearest(self.origin + now - first)
+        moved = self.dragged(context, pressed, mouse)
+        if moved is not None:
+            gone, left, _ = self.course.nearest(self.origin + moved)
             self.at_m = [stepped(gone, STEP_M, in_steps), stepped(left, STEP_M, in_steps)]
 
     def apply(self, context: bpy.types.Context) -> None:
         """Arrange the row between its ends."""
-        if not hasattr(self, "before"):
-            self.begin(context)
         gone, left = (round(value, 3) for value in self.at_m)
         row = self.before
         end_left_m = row.left_m if row.end_left_m is None else row.end_left_m
@@ -384,29 +348,18 @@ def ends(context: bpy.types.Context) -> tuple[FloatArray, FloatArray]:
     return start, end
 
 
-class UNISIM_GGT_row(GizmosInView, bpy.types.GizmoGroup):
+class UNISIM_GGT_row(Handles, bpy.types.GizmoGroup):
     """Handles at both ends of the active actor's row"""
 
     bl_label = "Row"
+    operator, size = "unisim.drag_row", 1.5 * HANDLE
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """An actor of a row has to be active and selected."""
         return bool(are_shown(context) and in_row(context)[0] and context.active_object.select_get())
 
-    def setup(self, context: bpy.types.Context) -> None:
-        """Make both handles."""
-        self.handles = [self.gizmos.new(UNISIM_GT_dot.bl_idname) for _ in range(2)]
-        for is_end, handle in enumerate(self.handles):
-            handle.scale_basis = 1.5 * HANDLE
-            handle.target_set_operator("unisim.drag_row").is_end = bool(is_end)
-            painted(handle, KEY_COLOUR)
-
-    def draw_prepare(self, context: bpy.types.Context) -> None:
-        """Put them at the ends."""
+    def places(self, context: bpy.types.Context) -> Iterator[tuple[FloatArray, dict[str, Any]]]:
+        """Yield the places of both ends."""
         if in_row(context)[0]:
-            for handle, place in zip(self.handles, ends(context), strict=True):
-                handle.matrix_basis = Matrix.Translation(Vector(place))
-
-
-CLASSES = (UNISIM_OT_row_of_cones, UNISIM_OT_parked_row, UNISIM_OT_drag_row, UNISIM_GGT_row)
+            yield from ((place, {"is_end": bool(is_end)}) for is_end, place in enumerate(ends(context)))

@@ -65,12 +65,10 @@ def fit_cameras() -> None:
 class UNISIM_OT_birds_eye(Needing, bpy.types.Operator):
     """Open a view from above beside this one, which follows the ego vehicle, or close it"""
 
-    bl_idname = "unisim.birds_eye"
     bl_label = "Bird's-Eye View"
     needs = (drive,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Close the views from above, or split this view."""
         opened, ego = list(views(context.scene)), next(imported_objects(context.scene, "EGO"), None)
         bpy.app.timers.register(fit_cameras, first_interval=DRAWN_S)
         for area, *_ in opened:
@@ -94,6 +92,5 @@ class UNISIM_OT_birds_eye(Needing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (UNISIM_OT_birds_eye,)
 HANDLERS = (("frame_change_post", follow),)
 TIMERS = (fit_cameras,)

@@ -12,7 +12,7 @@ from ...bridge.objects.imported import source_of
 from ...bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.views.points import hide_points, put_sweeps
-from ...bridge.window import drive, redraw
+from ...bridge.window import drive, redraw, run_soon
 from ...core.errors import UnisimError
 from ...core.world.drive import Lidar
 from ...core.world.encoding import decode_sensor
@@ -29,9 +29,8 @@ from ...editing.sensors.sweeps import (
 )
 from ...preferences import device, interpreter
 from ...process.client import Client, Request, client, progress_line
-from ...registering import add, take_away
 from ...translations import localized
-from ..operator_bases import Needing, reporting
+from ..operator_bases import Editing, reporting
 
 POLL_S = 0.1
 EDIT_S = 0.4
@@ -59,8 +58,7 @@ def show_recorded(scene: bpy.types.Scene) -> None:
     if before is not None:
         before.cancel()
     reading[scene.name] = reader.submit(recorded_sweeps, *wanted)
-    if not bpy.app.timers.is_registered(show_read):
-        bpy.app.timers.register(show_read, first_interval=READ_S)
+    run_soon(show_read, READ_S)
 
 
 def show_read() -> float | None:
@@ -106,11 +104,9 @@ def ask_sweeps(scene: bpy.types.Scene) -> None:
         sensor = decode_sensor(values["sensor"])
         same = isinstance(sensor, Lidar) and same_beams(sensor, values["time_s"], source.drive, frame_of(scene))
         waiting[key] = worker, worker.ask("lidar", **values), same, frame_of(scene)
-    if bpy.app.background:
-        while waiting:
-            gather()
-    elif not bpy.app.timers.is_registered(gather):
-        bpy.app.timers.register(gather, first_interval=POLL_S)
+    while bpy.app.background and waiting:
+        gather()
+    run_soon(gather, POLL_S)
 
 
 def gather() -> float | None:
@@ -154,8 +150,8 @@ def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None)
 @persistent
 def follow_edits(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
     """Something changed: have a timer ask for the sweeps again, if they are others now."""
-    if scene.unisim.show_simulated and not bpy.app.background and not bpy.app.timers.is_registered(ask_again):
-        bpy.app.timers.register(ask_again, first_interval=EDIT_S)
+    if scene.unisim.show_simulated:
+        run_soon(ask_again, EDIT_S)
 
 
 def ask_again() -> None:
@@ -182,12 +178,10 @@ def update(scene: bpy.types.Scene) -> None:
         asked.clear()
 
 
-class UNISIM_OT_show_points(Needing, bpy.types.Operator):
+class UNISIM_OT_show_points(Editing, bpy.types.Operator):
     """Show recorded LiDAR points, simulated LiDAR points, or both, and on request beams that did not return"""
 
-    bl_idname = "unisim.show_points"
     bl_label = "Show LiDAR Points"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (drive,)
 
     recorded: bpy.props.BoolProperty(name="Recorded", description="Show recorded points", default=True)
@@ -200,7 +194,6 @@ class UNISIM_OT_show_points(Needing, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Set the scene's switches and show."""
         scene = context.scene
         about = scene.unisim
         about.show_recorded, about.show_simulated, about.show_drops = self.recorded, self.simulated, self.drops
@@ -210,19 +203,12 @@ class UNISIM_OT_show_points(Needing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (UNISIM_OT_show_points,)
 HANDLERS = (("frame_change_post", follow), ("depsgraph_update_post", follow_edits))
 TIMERS = (gather, ask_again, show_read)
 
 
-def register() -> None:
-    """Add the operator."""
-    add(CLASSES)
-
-
 def unregister() -> None:
-    """Take it away."""
+    """Forget what was asked for."""
     waiting.clear()
     asked.clear()
     reading.clear()
-    take_away(CLASSES)

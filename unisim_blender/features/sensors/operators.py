@@ -1,25 +1,21 @@
 """New cameras and LiDARs on the vehicle."""
 
-import re
-from contextlib import suppress
 from typing import Any
 
 import bpy
 import numpy as np
 from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
+from mathutils import Euler, Matrix
 
 from ...bridge.importing.drive import fit_resolution
-from ...bridge.importing.rig_presets import free_name, look_ahead, show_sensor
-from ...bridge.objects.imported import collection_of, imported_objects, source_of
-from ...bridge.objects.sensors import set_model
+from ...bridge.importing.rig_presets import add_sensor, look_ahead, show_sensor
+from ...bridge.objects.imported import drive_of, imported_objects
 from ...bridge.window import choose, chosen, object_mode, refresh, selected, vehicle
-from ...core.errors import UnisimError
 from ...core.sensors.beam_tables import BEAM_TABLES
 from ...core.world.drive import CameraModel, LidarModel
-from ...editing.layout.shapes import DISPLAY_M
 from ...editing.sensors.mounts import lidar_json, own_table
 from ...translations import message
-from ..operator_bases import Needing, reporting
+from ..operator_bases import Editing, Needing, reporting
 
 OWN = "OWN"
 OWN_TABLE = "15, 10, 5, 2, 0, -2, -4, -7, -10, -15"
@@ -29,22 +25,15 @@ PRESETS = [
 ]
 
 
-def ride(context: bpy.types.Context, obj: bpy.types.Object, kind: str, place: tuple[float, float, float]) -> None:
-    """Put a new sensor on the vehicle and make it the one that is selected."""
-    ego = next(imported_objects(context.scene, "EGO"))
-    give_name(context.scene, obj)
-    collection_of(context.scene, kind).objects.link(obj)
-    obj.unisim.kind, obj.unisim.uid = kind, obj.name
-    obj.parent = ego
-    obj.location = place
-    choose(context, obj)
-
-
-def give_name(scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
-    """Give a new sensor's object a name that lists and files can have: "camera", "camera_2"."""
-    wanted = re.sub(r"\.\d{3}$", "", obj.name)  # what Blender puts behind a name that is taken
-    with suppress(UnisimError, OSError):
-        obj.name = free_name(scene, source_of(scene).drive, wanted, obj.name)
+def put_on_vehicle(
+    context: bpy.types.Context, name: str, model: CameraModel | LidarModel, mount: Matrix
+) -> bpy.types.Object:
+    """Put a new sensor on the vehicle, at a mount (4, 4), and make it the one that is selected."""
+    scene = context.scene
+    sensor = add_sensor(scene, drive_of(scene), name, model, np.array(mount, float))
+    sensor.rotation_mode = "XYZ"
+    choose(context, sensor)
+    return sensor
 
 
 class _OnVehicle(Needing):
@@ -75,11 +64,9 @@ class _OfSensor(Needing):
 class UNISIM_OT_look_through(_OfSensor, bpy.types.Operator):
     """Look through this camera and use its image size"""
 
-    bl_idname = "unisim.look_through"
     bl_label = "Look Through Camera"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Make it the active camera, and show what it sees in this 3D view."""
         camera = self.sensor(context)
         if camera is None or camera.type != "CAMERA":
             return {"CANCELLED"}
@@ -95,11 +82,9 @@ class UNISIM_OT_look_through(_OfSensor, bpy.types.Operator):
 class UNISIM_OT_show_sensor(_OfSensor, bpy.types.Operator):
     """Show or hide this sensor; a hidden sensor is not part of views, sequences and scenarios"""
 
-    bl_idname = "unisim.show_sensor"
     bl_label = "Show or Hide Sensor"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Turn it over."""
         sensor = self.sensor(context)
         if sensor is None:
             return {"CANCELLED"}
@@ -112,7 +97,6 @@ class UNISIM_OT_show_sensor(_OfSensor, bpy.types.Operator):
 class UNISIM_OT_add_camera(_OnVehicle, bpy.types.Operator):
     """Add a camera to the vehicle and make it the active camera"""
 
-    bl_idname = "unisim.add_camera"
     bl_label = "Add Camera"
 
     width: IntProperty(name="Width", description="Image width", default=960, min=16, soft_max=3840, subtype="PIXEL")
@@ -133,13 +117,10 @@ class UNISIM_OT_add_camera(_OnVehicle, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Square pixels, the principal point in the middle, a global shutter."""
         focal = self.width / 2 / np.tan(np.radians(self.fov_deg) / 2)
-        camera = bpy.data.objects.new("camera", bpy.data.cameras.new("UniSim camera"))
-        camera.data.display_size = DISPLAY_M
-        set_model(camera, CameraModel(self.width, self.height, focal, focal, self.width / 2, self.height / 2))
-        ride(context, camera, "CAMERA", tuple(self.mount))
+        model = CameraModel(self.width, self.height, focal, focal, self.width / 2, self.height / 2)
         # a Blender camera looks down; upright and turned by -90 degrees it looks along x
-        camera.rotation_euler = (np.radians(90 + self.pitch_deg), 0.0, np.radians(self.yaw_deg - 90))
-        context.scene.camera = camera
+        turn = Euler((np.radians(90 + self.pitch_deg), 0.0, np.radians(self.yaw_deg - 90)))
+        context.scene.camera = put_on_vehicle(context, "camera", model, Matrix.LocRotScale(self.mount, turn, None))
         fit_resolution(context.scene)
         return {"FINISHED"}
 
@@ -159,7 +140,6 @@ class _Beams:
     )
 
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for one's own table."""
         return context.window_manager.invoke_props_dialog(self) if self.preset == OWN else self.execute(context)
 
     def draw(self: Any, context: bpy.types.Context) -> None:
@@ -181,7 +161,6 @@ class _Beams:
 class UNISIM_OT_add_lidar(_OnVehicle, _Beams, bpy.types.Operator):
     """Add a LiDAR to the vehicle"""
 
-    bl_idname = "unisim.add_lidar"
     bl_label = "Add LiDAR"
 
     mount: FloatVectorProperty(
@@ -194,21 +173,15 @@ class UNISIM_OT_add_lidar(_OnVehicle, _Beams, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """With the maker's beam table, or one's own."""
-        table = self.table()
-        lidar = bpy.data.objects.new("lidar" if self.preset == OWN else self.preset, None)
-        lidar.empty_display_type, lidar.empty_display_size = "CONE", 0.4
-        lidar.unisim.model = lidar_json(table)
-        ride(context, lidar, "LIDAR", tuple(self.mount))
+        name = "lidar" if self.preset == OWN else self.preset
+        put_on_vehicle(context, name, self.table(), Matrix.Translation(self.mount))
         return {"FINISHED"}
 
 
-class UNISIM_OT_set_beams(Needing, _Beams, bpy.types.Operator):
+class UNISIM_OT_set_beams(Editing, _Beams, bpy.types.Operator):
     """Change the beam table of the selected LiDARs"""
 
-    bl_idname = "unisim.set_beams"
     bl_label = "Change Beams"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select a LiDAR first", "LIDAR"))
 
     @reporting
@@ -218,12 +191,3 @@ class UNISIM_OT_set_beams(Needing, _Beams, bpy.types.Operator):
         for lidar in chosen(context, "LIDAR"):
             lidar.unisim.model = table
         return {"FINISHED"}
-
-
-CLASSES = (
-    UNISIM_OT_look_through,
-    UNISIM_OT_show_sensor,
-    UNISIM_OT_add_camera,
-    UNISIM_OT_add_lidar,
-    UNISIM_OT_set_beams,
-)

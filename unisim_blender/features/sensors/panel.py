@@ -4,12 +4,10 @@ import bpy
 from bpy.props import IntProperty
 
 from ...bridge.importing.rig_presets import own_presets
-from ...bridge.objects.imported import source_of
+from ...bridge.objects.imported import drive_of
 from ...bridge.views.sensor_facts import KINDS, card_of_sensor, size_of_sensor
 from ...bridge.window import choose
-from ...core.errors import UnisimError
 from ...core.rigs import built_in_rigs
-from ...core.world.drive import Drive
 from ...editing.sensors.names import rate_of
 from ...editing.texts import translatable
 from ...translations import interface, localized
@@ -19,25 +17,12 @@ WIDE = 330
 """Width of the sidebar from which on rows have the sensors' rates, in pixels at a scale of 1."""
 
 
-def drive_of(scene: bpy.types.Scene) -> Drive | None:
-    """Return the drive of a scene; None where it is not at hand."""
-    try:
-        return source_of(scene).drive
-    except (UnisimError, OSError):
-        return None
-
-
 def active_index(scene: bpy.types.Scene) -> int:
     """Return the active object's place among the scene's objects, -1 where no sensor is active."""
     active = bpy.context.view_layer.objects.active
     if active is None or active.unisim.kind not in KINDS:
         return -1
     return next((i for i, obj in enumerate(scene.objects) if obj == active), -1)
-
-
-def activate(scene: bpy.types.Scene, index: int) -> None:
-    """Select the sensor that was clicked in the list."""
-    choose(bpy.context, scene.objects[index])
 
 
 class UNISIM_UL_sensors(bpy.types.UIList):
@@ -98,7 +83,6 @@ class UNISIM_MT_rig_presets(bpy.types.Menu):
     bl_description = "Put a rig on the vehicle: built-in ones, which approximate public data sets, and your own"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw all presets by their files' names."""
         layout = self.layout
         built_in = translatable("Built-in"), translatable("Built-in: none yet"), built_in_rigs()
         own = translatable("Own"), translatable("Own: none yet"), own_presets()
@@ -117,7 +101,6 @@ class UNISIM_MT_remove_rig(bpy.types.Menu):
     bl_description = "Delete one of your own rig presets"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw one's own presets."""
         self.layout.operator_context = "INVOKE_DEFAULT"
         files = own_presets()
         for path in files:
@@ -165,5 +148,10 @@ class UNISIM_PT_sensors(DrivePanel, bpy.types.Panel):
         column.operator("unisim.aim_sensor", icon="ORIENTATION_GIMBAL")
 
 
-CLASSES = (UNISIM_UL_sensors, UNISIM_MT_rig_presets, UNISIM_MT_remove_rig, UNISIM_PT_sensors)
-PROPERTIES = ((bpy.types.Scene, "unisim_sensor_index", IntProperty(get=active_index, set=activate)),)
+PROPERTIES = (
+    (
+        bpy.types.Scene,
+        "unisim_sensor_index",
+        IntProperty(get=active_index, set=lambda scene, index: choose(bpy.context, scene.objects[index])),
+    ),
+)

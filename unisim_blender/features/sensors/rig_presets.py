@@ -15,14 +15,14 @@ from ...bridge.importing.rig_presets import (
     rig_of,
     users_folder,
 )
-from ...bridge.objects.imported import source_of
+from ...bridge.objects.imported import drive_of, source_of
 from ...bridge.window import Need, choose, object_mode, refresh, vehicle
 from ...core.errors import UnisimError
 from ...core.rigs import read_rig, write_rig
 from ...editing.sensors.names import rig_contents
 from ...editing.texts import translatable
 from ...translations import localized, message
-from ..operator_bases import Needing, reporting
+from ..operator_bases import Editing, Needing, reporting
 
 MODES = (
     (
@@ -36,19 +36,14 @@ MODES = (
 
 def hidden(context: bpy.types.Context) -> Need:
     """Some sensor of the log is hidden or was deleted."""
-    sentence = "All recorded sensors are there"
-    try:
-        return hidden_sensors(context.scene, source_of(context.scene).drive), sentence
-    except (UnisimError, OSError):
-        return False, sentence
+    drive = drive_of(context.scene)
+    return drive is not None and hidden_sensors(context.scene, drive), "All recorded sensors are there"
 
 
-class UNISIM_OT_apply_rig(Needing, bpy.types.Operator):
+class UNISIM_OT_apply_rig(Editing, bpy.types.Operator):
     """Put a rig preset's cameras and LiDARs on the vehicle"""
 
-    bl_idname = "unisim.apply_rig"
     bl_label = "Apply Rig Preset"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle)
 
     filepath: StringProperty(name="File", subtype="FILE_PATH", options={"HIDDEN", "SKIP_SAVE"})
@@ -88,7 +83,6 @@ class UNISIM_OT_apply_rig(Needing, bpy.types.Operator):
 class UNISIM_OT_save_rig(Needing, bpy.types.Operator):
     """Save the sensors on the vehicle as a rig preset."""
 
-    bl_idname = "unisim.save_rig"
     bl_label = "Save Rig Preset"
     bl_description = (
         "Save the sensors on the vehicle as a rig preset of your own, "
@@ -106,7 +100,6 @@ class UNISIM_OT_save_rig(Needing, bpy.types.Operator):
     )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for a name."""
         return context.window_manager.invoke_props_dialog(self)
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -119,7 +112,6 @@ class UNISIM_OT_save_rig(Needing, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Write the file."""
         path = preset_file(self.name)
         if path.exists() and not self.overwrite:
             raise UnisimError(message("{path}: is there already: choose another name, or replace it", path=path))
@@ -136,7 +128,6 @@ class UNISIM_OT_save_rig(Needing, bpy.types.Operator):
 class UNISIM_OT_remove_rig(bpy.types.Operator):
     """Delete the file of a rig preset; sensors on vehicles are kept"""
 
-    bl_idname = "unisim.remove_rig"
     bl_label = "Remove Rig Preset"
     bl_options = {"REGISTER"}
 
@@ -148,7 +139,6 @@ class UNISIM_OT_remove_rig(bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Delete the file, if it is a preset of one's own."""
         path = Path(self.filepath)
         if path not in own_presets():
             raise UnisimError(message("{path}: is no rig preset in Blender's presets folders", path=path))
@@ -164,21 +154,17 @@ class UNISIM_OT_remove_rig(bpy.types.Operator):
 class UNISIM_OT_rig_folder(bpy.types.Operator):
     """Open the folder of your own rig presets: files that colleagues gave you go there"""
 
-    bl_idname = "unisim.rig_folder"
     bl_label = "Open Presets Folder"
     bl_options = {"REGISTER"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Show it in the system's file browser."""
         return set(bpy.ops.wm.path_open(filepath=str(users_folder())))
 
 
-class UNISIM_OT_restore_sensors(Needing, bpy.types.Operator):
+class UNISIM_OT_restore_sensors(Editing, bpy.types.Operator):
     """Show recorded sensors again that a rig preset has hidden, and make those anew that were deleted"""
 
-    bl_idname = "unisim.restore_sensors"
     bl_label = "Restore Recorded Sensors"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle, hidden)
 
     @reporting
@@ -189,12 +175,3 @@ class UNISIM_OT_restore_sensors(Needing, bpy.types.Operator):
         refresh(())
         self.report({"INFO"}, message("Restored {names}", names=", ".join(sorted(names))))
         return {"FINISHED"}
-
-
-CLASSES = (
-    UNISIM_OT_apply_rig,
-    UNISIM_OT_save_rig,
-    UNISIM_OT_remove_rig,
-    UNISIM_OT_rig_folder,
-    UNISIM_OT_restore_sensors,
-)

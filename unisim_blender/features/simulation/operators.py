@@ -14,7 +14,7 @@ from bpy.props import IntProperty, StringProperty
 from ...bridge.objects.imported import source_of
 from ...bridge.objects.settings import modelled, output_sensors, rollout_folder
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.window import Need, allowed, chosen, drive, folder_on_disk, selected
+from ...bridge.window import Need, chosen, drive, folder_on_disk, selected
 from ...core.errors import UnisimError
 from ...editing.sampled.clock import Clock
 from ...editing.simulation import stated
@@ -36,8 +36,8 @@ from ...preferences import device, interpreter
 from ...process.background import launch
 from ...process.tasks import SequenceTask
 from ...translations import interface, localized, message, tooltip
-from ..drive.export_operators import ReadsScenes
-from ..operator_bases import AtOnce, Needing, in_thread, nothing_runs
+from ..drive.export_operators import scenario_steps
+from ..operator_bases import AtOnce, Editing, Needing, in_thread, nothing_runs
 from ..output.operators import sensor_options, width_options
 from .properties import driver_of
 
@@ -47,19 +47,11 @@ class RolloutTask(SequenceTask):
     missing."""
 
     title = translatable("Simulation")
+    units, rates = translatable("{done} of {total} steps"), translatable(", {rate:.2f} steps/s")
 
     @property
     def done(self) -> float:
-        """Steps that are finished."""
         return float(count_steps(self.folder))
-
-    def measure(self) -> str:
-        """Steps of how many."""
-        return message("{done} of {total} steps", done=int(self.done), total=int(self.total))
-
-    def speed(self, rate: float) -> str:
-        """Steps a second."""
-        return message(", {rate:.2f} steps/s", rate=rate)
 
 
 CELLS = (200, 80, 130, *(94 for _ in COLUMNS), 24)
@@ -86,7 +78,7 @@ def driver_named(context: bpy.types.Context) -> Need:
     return driver_of(context.scene), "Name the driver first: module:function, or its address"
 
 
-class Simulates(AtOnce, ReadsScenes):
+class Simulates(AtOnce):
     """Base of operators that simulate."""
 
     def start_of(self, scene: bpy.types.Scene) -> float | None:
@@ -99,7 +91,6 @@ class Simulates(AtOnce, ReadsScenes):
         return start_s if start_s > begin + 1e-6 else None
 
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
-        """Write the scenario beside the rollout's folder and start the command line on it."""
         scene = context.scene
         parent, source, about = rollouts_folder(scene), source_of(scene), scene.unisim_simulation
         assert parent is not None  # the button is grey without
@@ -108,7 +99,7 @@ class Simulates(AtOnce, ReadsScenes):
         command = ["--driver", driver, "--device", device()]
         command += ["--driver-address", about.address.strip()] if is_remote(driver) else []
         command += [*sensor_options(sensors), *renderer_options(about.renderer), *width_options(scene)]
-        read = yield from self.scenario(scene, parent / "scenario.json", self.start_of(scene))
+        read = yield from scenario_steps(scene, parent / "scenario.json", self.start_of(scene))
         scenario, scene_name, opened = stated.as_simulated(read), scene.name, rollout_folder(scene)
         if opened is not None and scene_name == opened.name:  # rollouts of rollouts are named alike
             scene_name = variant_of(opened)
@@ -123,7 +114,6 @@ class Simulates(AtOnce, ReadsScenes):
 class UNISIM_OT_simulate(Needing, Simulates, bpy.types.Operator):
     """Let the driver drive through the scenario, with sensors that answer and actors that react, in the background"""
 
-    bl_idname = "unisim.simulate"
     bl_label = "Simulate"
     bl_options = {"REGISTER"}
     needs = (drive, driver_named, folder_known, nothing_runs)
@@ -172,7 +162,6 @@ def within(context: bpy.types.Context) -> Need:
 class UNISIM_OT_drive_on(Needing, Simulates, bpy.types.Operator):
     """Simulate on from the current frame: as driven until then, with the edits of this scene from then on"""
 
-    bl_idname = "unisim.drive_on"
     bl_label = "Drive On from Here"
     bl_options = {"REGISTER"}
     needs = (drive, is_rollout, within, driver_named, folder_known, nothing_runs)
@@ -189,26 +178,25 @@ class UNISIM_OT_drive_on(Needing, Simulates, bpy.types.Operator):
         yield from super().work(context)
 
 
-class UNISIM_OT_same_model(bpy.types.Operator):
+def active_actor(context: bpy.types.Context) -> Need:
+    """An actor of the scene is active."""
+    obj = context.active_object
+    there = obj is not None and obj.unisim.kind == "ACTOR" and obj.name in context.scene.objects
+    return there, "Make an actor active first: click it"
+
+
+class UNISIM_OT_same_model(Editing, bpy.types.Operator):
     """Give the selected actors the model of the active one, with its parameters"""
 
-    bl_idname = "unisim.same_model"
     bl_label = "Same for Selected"
-    bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """An actor has to be active, and others be selected."""
-        return allowed(
-            cls,
-            drive(context),
-            active_actor(context),
-            selected("Select an actor first", "ACTOR")(context),
-            (len(chosen(context, "ACTOR")) > 1, "Select further actors: the active one has this model already"),
-        )
+    needs = (
+        drive,
+        active_actor,
+        selected("Select an actor first", "ACTOR"),
+        lambda context: (chosen(context, "ACTOR")[1:], "Select further actors: the active one has this model already"),
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Copy the document."""
         document, actors = context.active_object.unisim_model.document, chosen(context, "ACTOR")
         for obj in actors:
             obj.unisim_model.document = document
@@ -216,22 +204,15 @@ class UNISIM_OT_same_model(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_forget_model(bpy.types.Operator):
+class UNISIM_OT_forget_model(Editing, bpy.types.Operator):
     """Let the actor move as all others do in simulations"""
 
-    bl_idname = "unisim.forget_model"
     bl_label = "As All Others"
-    bl_options = {"REGISTER", "UNDO"}
+    needs = (drive, lambda context: (modelled(context.scene), "No actor has a model of its own"))
 
     name: StringProperty(name="Actor", description="The object's name", options={"SKIP_SAVE"})
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """An actor has to have a model."""
-        return allowed(cls, drive(context), (modelled(context.scene), "No actor has a model of its own"))
-
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Take the model away."""
         obj = context.scene.objects.get(self.name)
         if obj is None:
             self.report({"WARNING"}, message('"{name}" is not there any more', name=self.name))
@@ -243,7 +224,6 @@ class UNISIM_OT_forget_model(bpy.types.Operator):
 class UNISIM_OT_hide_rollout(bpy.types.Operator):
     """Leave this rollout out of the list; its folder stays"""
 
-    bl_idname = "unisim.hide_rollout"
     bl_label = "Remove from List"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -259,7 +239,6 @@ class UNISIM_OT_hide_rollout(bpy.types.Operator):
 class UNISIM_OT_sort_rollouts(bpy.types.Operator):
     """List the rollouts in the order of this column, the best first"""
 
-    bl_idname = "unisim.sort_rollouts"
     bl_label = "Sort Rollouts"
     bl_options = {"INTERNAL"}
 
@@ -271,7 +250,6 @@ class UNISIM_OT_sort_rollouts(bpy.types.Operator):
         return tooltip(COLUMNS[properties.column].about) if properties.column >= 0 else ""
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Note the column."""
         UNISIM_OT_compare_rollouts.sorted_by = self.column
         return {"FINISHED"}
 
@@ -279,14 +257,12 @@ class UNISIM_OT_sort_rollouts(bpy.types.Operator):
 class UNISIM_OT_compare_rollouts(Needing, bpy.types.Operator):
     """List all rollouts in the folder with their scores side by side; the best value of each score has a dot"""
 
-    bl_idname = "unisim.compare_rollouts"
     bl_label = "Compare Rollouts"
     bl_options = {"REGISTER"}
     needs = (drive, rollout_there)
     sorted_by = -1
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Show the list."""
         return context.window_manager.invoke_popup(self, width=LIST_WIDTH)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -330,21 +306,3 @@ def list_row(layout: Any) -> list[Any]:
         cells.append(split.row(align=True))
         left -= width
     return [*cells, split.row(align=True)]
-
-
-def active_actor(context: bpy.types.Context) -> Need:
-    """An actor of the scene is active."""
-    obj = context.active_object
-    there = obj is not None and obj.unisim.kind == "ACTOR" and obj.name in context.scene.objects
-    return there, "Make an actor active first: click it"
-
-
-CLASSES = (
-    UNISIM_OT_simulate,
-    UNISIM_OT_drive_on,
-    UNISIM_OT_same_model,
-    UNISIM_OT_forget_model,
-    UNISIM_OT_hide_rollout,
-    UNISIM_OT_sort_rollouts,
-    UNISIM_OT_compare_rollouts,
-)

@@ -70,7 +70,6 @@ class UNISIM_PT_random_starts(DrivePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the limits of the ego vehicle's start and of the actors'."""
         column = settings_column(self.layout)
         for name in ("jitter_along", "jitter_aside", "jitter_yaw", "jitter_speed", "jitter_actors"):
             column.prop(context.scene.unisim_simulation, name)
@@ -80,6 +79,7 @@ class UNISIM_PT_simulated_actors(DrivePanel, bpy.types.Panel):
     """Models of actors in simulations"""
 
     bl_label = "Actors in Simulations"
+    bl_order = 1
     bl_parent_id = "UNISIM_PT_simulation"
     bl_options = {"DEFAULT_CLOSED"}
 
@@ -178,6 +178,3 @@ def rows_of(scene: bpy.types.Scene, folder: Path) -> list[ScoreRow] | None:
         _scores.clear()
         _scores[str(folder)] = known
     return None if known[1] is None else score_rows(known[1], actor_names(scene))
-
-
-CLASSES = (UNISIM_PT_simulation, UNISIM_PT_random_starts, UNISIM_PT_scores, UNISIM_PT_simulated_actors)

@@ -147,7 +147,7 @@ for _member, _about in PARAMETERS.items():
 def _number(member: str, **about: Any) -> Any:
     """Return a property that shows a number of the simulation's text."""
     kind = IntProperty if member == "seed" else FloatProperty
-    low, high = stated.LIMITS[member]
+    _, low, high = stated.SETTINGS[member]
 
     def read(self: Any) -> float:
         value = stated.number_of(self.document, member)
@@ -285,7 +285,6 @@ def driver_of(scene: bpy.types.Scene) -> str:
     return function if is_function(function) else ""
 
 
-CLASSES = (UniSimModel, UniSimSimulation)
 PROPERTIES = (
     (bpy.types.Object, "unisim_model", PointerProperty(type=UniSimModel)),
     (bpy.types.Scene, "unisim_simulation", PointerProperty(type=UniSimSimulation)),

@@ -14,7 +14,7 @@ from ...bridge.changes.variants import delete_variant, new_variant, rename_varia
 from ...bridge.objects.imported import source_of
 from ...bridge.objects.settings import output_sensors, rendered_keys
 from ...bridge.sampling.edit_list import mark_all
-from ...bridge.window import allowed, drive, object_mode, redraw
+from ...bridge.window import Need, drive, object_mode, redraw
 from ...core.errors import UnisimError
 from ...core.sequence.records import finished_moments
 from ...core.world.captures import CaptureKey
@@ -23,10 +23,10 @@ from ...editing.reading.scenario import write_scenario
 from ...editing.texts import translatable
 from ...preferences import interpreter
 from ...process.background import launch
-from ...process.tasks import SequenceTask
+from ...process.tasks import SequenceTask, newest_image
 from ...translations import message
-from ..drive.export_operators import ReadsScenes
-from ..operator_bases import AtOnce, Needing, nothing_runs, reporting
+from ..drive.export_operators import scenario_steps
+from ..operator_bases import AtOnce, Editing, InSteps, Needing, nothing_runs, reporting
 from ..output.operators import SCENARIO, output_folder, render_arguments
 
 
@@ -59,19 +59,16 @@ class VariantsTask(SequenceTask):
 
     @property
     def done(self) -> float:
-        """Finished frames of all variants."""
         return float(sum(part.done for part in self.parts))
 
     @property
     def problem(self) -> str:
-        """Why it failed, and at which variant; "" where it did not."""
         problem = super().problem
         return f"{self.parts[self.at].name}: {problem}" if problem else ""
 
     def measure(self) -> str:
-        """Return the variant that is rendered, and the number of its frames."""
         part = self.parts[self.at]
-        whole = message("{done} of {total} frames", done=int(self.done), total=int(self.total))
+        whole = super().measure()
         if not self.running and not self.cancelled:
             return message("{frames} of {count} variants", frames=whole, count=len(self.parts))
         return message(
@@ -81,28 +78,29 @@ class VariantsTask(SequenceTask):
         )  # fmt: skip
 
     def newest(self) -> Path | None:
-        """The image that was finished last."""
-        self_folder = self.folder
-        try:
-            self.folder = self.parts[self.at].folder
-            return super().newest()
-        finally:
-            self.folder = self_folder
+        return newest_image(self.parts[self.at].folder)
 
-    def _run(self) -> None:
+    def _do(self) -> int:
         code = 0
         for at, part in enumerate(self.parts):
             self.at = at
             code = self._call(part.arguments)
             if code or self.cancelled:
                 break
-        self.code = code
+        return code
 
 
-FIRST = "Variant 2"
+def marked_variants(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
+    """Return the variants that are marked in the list of variants."""
+    return [variant for variant in variants_of(scene) if variant.unisim_edits.rendered] if scene.unisim.log else []
 
 
-class _Named(Needing):
+def variant_marked(context: bpy.types.Context) -> Need:
+    """A variant is marked."""
+    return marked_variants(context.scene), "Mark a variant in the list first"
+
+
+class _Named(Editing):
     """An operator that asks for a variant's name."""
 
     needs = (object_mode, drive)
@@ -110,13 +108,11 @@ class _Named(Needing):
     name: StringProperty(name="Name", description="Name of the variant", options={"SKIP_SAVE"})
 
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the name."""
         self.name = self.name or self.proposed(context)
         return context.window_manager.invoke_props_dialog(self)
 
     @reporting
     def execute(self: Any, context: bpy.types.Context) -> set[str]:
-        """Do it; what cannot be is reported."""
         self.do(context, self.name or self.proposed(context))
         return {"FINISHED"}
 
@@ -124,16 +120,12 @@ class _Named(Needing):
 class UNISIM_OT_new_variant(_Named, bpy.types.Operator):
     """Copy the scene as a new, independent variant of the scenario and show it"""
 
-    bl_idname = "unisim.new_variant"
     bl_label = "New Variant"
-    bl_options = {"REGISTER", "UNDO"}
 
     def proposed(self, context: bpy.types.Context) -> str:
-        """The next free name."""
-        return free_variant_name(FIRST, bpy.data.scenes)
+        return free_variant_name("Variant 2", bpy.data.scenes)
 
     def do(self, context: bpy.types.Context, name: str) -> None:
-        """Copy the scene."""
         variant = new_variant(context.window, context.scene, name)
         self.report({"INFO"}, message("{name} is shown now; edits here do not change the others", name=variant.name))
 
@@ -141,45 +133,34 @@ class UNISIM_OT_new_variant(_Named, bpy.types.Operator):
 class UNISIM_OT_rename_variant(_Named, bpy.types.Operator):
     """Rename the shown variant"""
 
-    bl_idname = "unisim.rename_variant"
     bl_label = "Rename Variant"
-    bl_options = {"REGISTER", "UNDO"}
 
     def proposed(self, context: bpy.types.Context) -> str:
-        """The name that it has."""
         return context.scene.name
 
     def do(self, context: bpy.types.Context, name: str) -> None:
-        """Rename the scene."""
         manager, before = context.window_manager, context.scene.name
         rename_variant(context.scene, name)
         if manager.unisim_compared == before:
             manager.unisim_compared = context.scene.name
 
 
-class UNISIM_OT_delete_variant(bpy.types.Operator):
+class UNISIM_OT_delete_variant(Editing, bpy.types.Operator):
     """Delete the shown variant with all its objects and keyframes, and show another one"""
 
-    bl_idname = "unisim.delete_variant"
     bl_label = "Delete Variant"
-    bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """There has to be another one."""
-        several = bool(context.scene.unisim.log) and len(variants_of(context.scene)) > 1
-        return allowed(
-            cls, object_mode(context), drive(context), (several, "This is the only variant: revert its edits instead")
-        )
+    needs = (
+        object_mode,
+        drive,
+        lambda context: (variants_of(context.scene)[1:], "This is the only variant: revert its edits instead"),
+    )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask first."""
         question = message("Delete {name} with its objects and keyframes?", name=context.scene.name)
         return context.window_manager.invoke_confirm(self, event, message=question)
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Delete it."""
         name = context.scene.name
         now = delete_variant(context.scene)
         mark_all()
@@ -187,20 +168,17 @@ class UNISIM_OT_delete_variant(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_show_variant(Needing, bpy.types.Operator):
+# an undo step, so that the panel of the last operation does not offer to change one of another variant
+class UNISIM_OT_show_variant(Editing, bpy.types.Operator):
     """Show this variant, at the same frame"""
 
-    bl_idname = "unisim.show_variant"
     bl_label = "Show Variant"
-    # an undo step, so that the panel of the last operation does not offer to change one of another variant
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode,)
 
     name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Change the window's scene."""
         scene = bpy.data.scenes.get(self.name)
         if scene is None:
             raise UnisimError(message("{name}: there is no such variant any more", name=self.name))
@@ -212,7 +190,6 @@ class UNISIM_OT_show_variant(Needing, bpy.types.Operator):
 class UNISIM_OT_compare_variant(bpy.types.Operator):
     """Compare the edits of this variant with those of the shown variant, or end the comparison"""
 
-    bl_idname = "unisim.compare_variant"
     bl_label = "Compare with Shown Variant"
     bl_options = {"REGISTER"}
 
@@ -226,20 +203,16 @@ class UNISIM_OT_compare_variant(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_export_variants(Needing, ReadsScenes, bpy.types.Operator):
+class UNISIM_OT_export_variants(Needing, InSteps, bpy.types.Operator):
     """Write every variant as a scenario file into a folder"""
 
-    bl_idname = "unisim.export_variants"
     bl_label = "Export Variants"
     bl_options = {"REGISTER"}
     needs = (drive,)
 
     directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
     filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the folder."""
-        return self.ask_for_path(context)
+    invoke = InSteps.ask_for_path
 
     def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Read all, then write all, so that no half of them is written where one cannot be read."""
@@ -248,59 +221,34 @@ class UNISIM_OT_export_variants(Needing, ReadsScenes, bpy.types.Operator):
         names, read = file_names(scene.name for scene in scenes), []
         for scene in scenes:
             path = folder / f"{names[scene.name]}.json"
-            read.append(((yield from self.scenario(scene, path)), path))
+            read.append(((yield from scenario_steps(scene, path)), path))
         folder.mkdir(parents=True, exist_ok=True)
         for scenario, path in read:
             write_scenario(scenario, path)
         self.report({"INFO"}, message("Scenarios written to {folder}: {count}", count=len(read), folder=folder))
 
 
-class UNISIM_OT_render_variants(AtOnce, ReadsScenes, bpy.types.Operator):
+class UNISIM_OT_render_variants(Needing, AtOnce, bpy.types.Operator):
     """Render the marked variants one after another."""
 
-    bl_idname = "unisim.render_variants"
     bl_label = "Render Variants"
     bl_description = (
         "Render the marked variants one after another, each into its own folder in the output folder; "
         "finished frames are kept"
     )
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Some have to be marked, and nothing else be running."""
-        marked = bool(context.scene.unisim.log) and any(
-            scene.unisim_edits.rendered for scene in variants_of(context.scene)
-        )
-        return allowed(cls, drive(context), (marked, "Mark a variant in the list first"), nothing_runs(context))
+    needs = (drive, variant_marked, nothing_runs)
 
     def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
-        """Read and write each scenario, then start."""
         root = output_folder(context.scene)
-        scenes = variants_of(context.scene)
-        names = file_names(scene.name for scene in scenes)
-        parts = []
-        for scene in scenes:
-            if not scene.unisim_edits.rendered:
-                continue
+        names, parts = file_names(scene.name for scene in variants_of(context.scene)), []
+        for scene in marked_variants(context.scene):
             folder = root / names[scene.name]
             folder.mkdir(parents=True, exist_ok=True)
-            scenario = yield from self.scenario(scene, folder / SCENARIO)
+            scenario = yield from scenario_steps(scene, folder / SCENARIO)
             write_scenario(scenario, folder / SCENARIO)
             selected = [obj for obj in scene.objects if obj.select_get(view_layer=scene.view_layers[0])]
             arguments = render_arguments(scene, folder, output_sensors(scene, selected, source_of(scene).drive))
             keys = rendered_keys(scene, scenario, source_of(scene).drive)
             parts.append(VariantRun(scene.name, arguments, folder, keys))
-        task = VariantsTask(parts, root, interpreter())
-        launch(task)
-
-
-CLASSES = (
-    UNISIM_OT_new_variant,
-    UNISIM_OT_rename_variant,
-    UNISIM_OT_delete_variant,
-    UNISIM_OT_show_variant,
-    UNISIM_OT_compare_variant,
-    UNISIM_OT_export_variants,
-    UNISIM_OT_render_variants,
-)
+        launch(VariantsTask(parts, root, interpreter()))

@@ -9,11 +9,10 @@ import bpy
 from ...bridge.changes.variants import variants_of
 from ...bridge.sampling.edit_list import reading_of
 from ...editing.edits.variants import Difference, compared
-from ...editing.texts import wrapped
 from ...translations import interface, localized
 from ..edits import watch as edit_watch
-from ..edits.panel import LineWidth, count_text, pressed, room_of
-from ..problems import draw_problem
+from ..edits.panel import count_text, pressed
+from ..problems import draw_problem, panel_rows
 from ..sidebar import DrivePanel, draw_task
 from .operators import VariantsTask
 
@@ -30,7 +29,6 @@ class UNISIM_PT_variants(DrivePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw a row for each variant, what can be done with them, and a comparison."""
         layout, shown, manager = self.layout, context.scene, context.window_manager
         edit_watch.want()
         scenes = variants_of(shown)
@@ -39,7 +37,7 @@ class UNISIM_PT_variants(DrivePanel, bpy.types.Panel):
             draw_variant(column, scene, scene == shown, manager.unisim_compared == scene.name)
         other = bpy.data.scenes.get(manager.unisim_compared)
         if other is not None and other != shown and other in scenes:
-            draw_comparison(layout, shown, other, room_of(context))
+            draw_comparison(layout, shown, other)
         row = layout.row(align=True)
         row.operator("unisim.new_variant", text="New", icon="ADD")
         row.operator("unisim.rename_variant", text="Rename", icon="GREASEPENCIL")
@@ -61,21 +59,17 @@ def draw_variant(layout: Any, scene: bpy.types.Scene, shown: bool, compared: boo
     edits.label(text=count_text(reading.lines) if reading.fresh and not reading.problem else "…", translate=False)
     beside = row.row(align=True)
     beside.enabled = not shown
-    beside.operator(
-        "unisim.compare_variant", text="", icon="ARROW_LEFTRIGHT", depress=compared and not shown
-    ).name = scene.name
+    button = beside.operator("unisim.compare_variant", text="", icon="ARROW_LEFTRIGHT", depress=compared and not shown)
+    button.name = scene.name
     row.prop(scene.unisim_edits, "rendered", text="", icon="RENDER_ANIMATION")
 
 
-def draw_comparison(layout: Any, shown: bpy.types.Scene, other: bpy.types.Scene, room: LineWidth) -> None:
+def draw_comparison(layout: Any, shown: bpy.types.Scene, other: bpy.types.Scene) -> None:
     """Draw what the variant that is shown and another one differ in."""
     here, there = reading_of(shown), reading_of(other)
     head = layout.row(align=True)
-    head.label(
-        text=interface("{name} beside {other}", name=shown.name, other=other.name),
-        translate=False,
-        icon="ARROW_LEFTRIGHT",
-    )
+    text = interface("{name} beside {other}", name=shown.name, other=other.name)
+    head.label(text=text, translate=False, icon="ARROW_LEFTRIGHT")
     head.operator("unisim.compare_variant", text="", icon="X", emboss=False).name = other.name
     if not here.fresh or not there.fresh:
         layout.label(text="Reading the edits…", icon="SORTTIME")
@@ -88,12 +82,12 @@ def draw_comparison(layout: Any, shown: bpy.types.Scene, other: bpy.types.Scene,
     if not differing:
         column.label(text="The same edits", icon="CHECKMARK")
     for item in differing[:MOST]:
-        draw_difference(column.box().column(align=True), item, shown.name, other.name, room)
+        draw_difference(column.box().column(align=True), item, shown.name, other.name)
     if len(differing) > MOST:
         column.label(text=interface("and {count} more", count=len(differing) - MOST), translate=False)
 
 
-def draw_difference(layout: Any, difference: Difference, here: str, there: str, room: LineWidth) -> None:
+def draw_difference(layout: Any, difference: Difference, here: str, there: str) -> None:
     """Draw one difference: whose it is, then the edit in each of the two."""
     who, name = difference.line.who, here if difference.here else there
     both = difference.here is not None and difference.there is not None
@@ -107,15 +101,11 @@ def draw_difference(layout: Any, difference: Difference, here: str, there: str, 
         text = f"{name}: {localized(line.what)}"
         if not both:
             text = interface("{name}, {start:.1f} to {end:.1f} s", name=line.what, start=line.start_s, end=line.end_s)
-        for i, part in enumerate(wrapped(text, room.below, room.below, room.width_of)):
+        for i, part in enumerate(panel_rows(text)):
             row = layout.row()
             row.alignment = "LEFT"
             if name == here and i == 0:
-                pressed(
-                    row.operator("unisim.go_to_edit", text=part, translate=False, icon="BLANK1", emboss=False), line
-                )
+                button = row.operator("unisim.go_to_edit", text=part, translate=False, icon="BLANK1", emboss=False)
+                pressed(button, line)
             else:
                 row.label(text=part, translate=False, icon="BLANK1")
-
-
-CLASSES = (UNISIM_PT_variants,)

@@ -29,12 +29,6 @@ def read_parquet(path: Path, columns: Mapping[str, Kind]) -> ArrowColumns:
         return {name: to_numpy(path, name, table[name], kind) for name, kind in columns.items()}
 
 
-def has_columns(path: Path, names: list[str]) -> bool:
-    """Return whether a Parquet file has all of some columns. Raises `LogError`."""
-    with _opened(path) as file:
-        return set(names) <= set(file.schema_arrow.names)
-
-
 def read_row(path: Path, row: int, columns: list[str]) -> dict[str, Any]:
     """Return the cells of one row as Arrow's scalars; what lies in other groups of rows is not read. Raises
     `LogError`."""

@@ -49,18 +49,15 @@ class FoxgloveEncoder(MessageEncoder):
     camera_info, image = "calibration", "image"
 
     def transforms(self, time_ns: int, poses: Mapping[str, Pose], parent: str = WORLD) -> FrameTransforms:
-        """See `MessageEncoder`."""
         stamp = _stamp(time_ns)
         return FrameTransforms(transforms=[_transform(stamp, name, pose, parent) for name, pose in poses.items()])
 
     def boxes(self, time_ns: int, boxes: Sequence[LabelledBox]) -> SceneUpdate:
-        """See `MessageEncoder`."""
         stamp = _stamp(time_ns)
         deletion = SceneEntityDeletion(timestamp=stamp, type=SceneEntityDeletion.ALL)
         return SceneUpdate(deletions=[deletion], entities=[_entity(box, stamp) for box in boxes])
 
     def calibration(self, message: ImageMessage, calibration: OpenCVCalibration) -> CameraCalibration:
-        """See `MessageEncoder`."""
         return CameraCalibration(
             timestamp=_stamp(message.time_ns),
             frame_id=message.sensor_id,
@@ -74,12 +71,10 @@ class FoxgloveEncoder(MessageEncoder):
         )
 
     def compressed_image(self, message: ImageMessage) -> CompressedImage:
-        """See `MessageEncoder`."""
         data, stamp = message.path.read_bytes(), _stamp(message.time_ns)
         return CompressedImage(timestamp=stamp, frame_id=message.sensor_id, data=data, format="png")
 
     def point_cloud(self, message: SweepMessage) -> PointCloud:
-        """See `MessageEncoder`."""
         return PointCloud(
             timestamp=_stamp(message.time_ns),
             frame_id=message.sensor_id,
@@ -93,7 +88,6 @@ class FoxgloveEncoder(MessageEncoder):
         )
 
     def odometry(self, message: RolloutEgo) -> Odometry:
-        """See `MessageEncoder`."""
         numbers = {"acceleration_m_s2": message.acceleration_m_s2, "steering_rad": message.steering_rad}
         return Odometry(
             timestamp=_stamp(message.time_ns),
@@ -106,7 +100,6 @@ class FoxgloveEncoder(MessageEncoder):
         )
 
     def path(self, message: PlannedPoses) -> PosesInFrame:
-        """See `MessageEncoder`."""
         poses = [_pose(pose) for pose in message.poses]
         return PosesInFrame(timestamp=_stamp(message.time_ns), frame_id=WORLD, poses=poses)
 

@@ -58,37 +58,32 @@ class NcoreLog(FileLog):
         self._epoch_us = extras.epoch_us if extras is not None else int(leading[0])
         self._ends: dict[str, dict[int, int]] = {}
         self._intensities: dict[str, Intensities] = {}
-        time_s = extras.time_s if extras is not None else dict(enumerate(self._seconds(leading).tolist()))
+        self._time_s = time_s = (
+            extras.time_s if extras is not None else dict(enumerate(self._seconds(leading).tolist()))
+        )
         with as_log_error(parts.poses.path, "its poses cannot be read"):
             reader = parts.poses.reader
             static, dynamic = list(reader.get_static_poses()), list(reader.get_dynamic_poses())
         added = read_poses(parts.poses.meta, str(parts.poses.path))
-        graph = read_graph(static, dynamic, self._epoch_us, str(parts.poses.path), added)
+        self._graph = graph = read_graph(static, dynamic, self._epoch_us, str(parts.poses.path), added)
         if WORLD not in graph:
             raise LogError(f"{parts.poses.path}: has no poses in {WORLD!r}")
-        arcs = extras is None
+        self._arcs = extras is None
         vehicle = (
             RIG if RIG in graph else next((name for kind in stamps.values() for name in kind if name in graph), "")
         )
-        ego = graph.track(vehicle, WORLD, arcs)
-        origin = np.zeros(3) if extras is not None else ego.positions_at(time_s[min(time_s)])
-        self._origin = origin
-        of_cameras = {
-            name: self._camera(name, part, stamps["cameras"][name], graph, arcs, time_s)
-            for name, part in parts.cameras.items()
-        }
-        of_lidars = {
-            name: self._lidar(name, part, stamps["lidars"][name], graph, arcs, time_s)
-            for name, part in parts.lidars.items()
-        }
-        actors, self.classes = self._actors(graph, time_s)
+        ego = graph.track(vehicle, WORLD, self._arcs)
+        self._origin = origin = np.zeros(3) if extras is not None else ego.positions_at(time_s[min(time_s)])
+        of_cameras = {name: self._camera(name, part, stamps["cameras"][name]) for name, part in parts.cameras.items()}
+        of_lidars = {name: self._lidar(name, part, stamps["lidars"][name]) for name, part in parts.lidars.items()}
+        actors, self.classes = self._actors()
         self.drive = Drive(
             name=parts.name,
             frames=tuple(sorted(time_s)),
             time_s=time_s,
             world_from_ego=_moved(ego, origin),
             cameras={name: camera for name, camera in of_cameras.items() if camera is not None},
-            lidars={name: lidar for name, lidar in of_lidars.items() if lidar is not None},
+            lidars=of_lidars,
             actors=actors,
             world_origin=origin + _shift(graph),
         )
@@ -104,7 +99,6 @@ class NcoreLog(FileLog):
         )
 
     def sweep_frames(self, lidar: str) -> tuple[int, ...]:
-        """Frames of which the LiDAR has a sweep."""
         return tuple(sorted(self._ends[lidar])) if lidar in self.drive.lidars else ()
 
     def image_path(self, camera: str, frame: int) -> Path | None:
@@ -151,7 +145,6 @@ class NcoreLog(FileLog):
         return read_sweep(bundle, self.drive.lidars[lidar], frame, self._epoch_us, place, scale)
 
     def _bright(self, lidar: str) -> list[NDArray[np.float32]]:
-        """Intensities of some sweeps."""
         ends = self._ends[lidar]
         bright = (self._parts.bundle(lidar, ends[frame]).intensity for frame in spread(ends))
         return [values[np.isfinite(values)] for values in bright]
@@ -159,15 +152,7 @@ class NcoreLog(FileLog):
     def _seconds(self, times_us: NDArray[np.int64]) -> FloatArray:
         return np.asarray((times_us - self._epoch_us) / 1e6)
 
-    def _camera(
-        self,
-        name: str,
-        part: StoredComponent,
-        stamps: NDArray[np.int64],
-        graph: PoseGraph,
-        arcs: bool,
-        time_s: dict[int, float],
-    ) -> Camera | None:
+    def _camera(self, name: str, part: StoredComponent, stamps: NDArray[np.int64]) -> Camera | None:
         try:
             parameters = self._parts.camera_parameters(name)
             model = cameras.model_of(parameters, f"{part.path}: camera {name}")
@@ -180,27 +165,19 @@ class NcoreLog(FileLog):
         shutter = shutters.shutter_of(kind, span_s, model.width, model.height)
         own = np.array([shutters.stamp(kind, start, end) for start, end in seconds])
         readouts = shutters.readouts_of(kind, own, np.diff(seconds)[:, 0], span_s)
-        captures = self._numbered(name, stamps, own, time_s, extras)
-        self._note_missing(f"camera {name}", "image", time_s, self._ends[name])
+        captures = self._numbered(name, stamps, own, extras)
+        self._note_missing(f"camera {name}", "image", self._ends[name])
         model = replace(model, shutter=shutter)
         return Camera(
             sensor_id=name,
             model=model if extras is None else extras.camera(model, f"{part.path}: camera {name}"),
-            world_from_camera=self._track(name, stamps, graph, arcs),
+            world_from_camera=self._track(name, stamps),
             time_s=captures,
             sees_ego_body=extras is not None and extras.sees_ego_body,
             readouts=readouts if extras is None else extras.readouts,
         )
 
-    def _lidar(
-        self,
-        name: str,
-        part: StoredComponent,
-        stamps: NDArray[np.int64],
-        graph: PoseGraph,
-        arcs: bool,
-        time_s: dict[int, float],
-    ) -> Lidar | None:
+    def _lidar(self, name: str, part: StoredComponent, stamps: NDArray[np.int64]) -> Lidar:
         parameters = self._parts.lidar_parameters(name)
         extras = read_sensor(part.meta, f"{part.path}: {name}")
         model = None if parameters is None else beams.model_of(parameters, f"{part.path}: LiDAR {name}")
@@ -213,24 +190,19 @@ class NcoreLog(FileLog):
             # a sweep is as long as its frames say, where they say a turn's time
             span_s = float(np.median(np.diff(seconds)))
             model = replace(model, sweep_s=span_s) if 0.8 < span_s / model.sweep_s < 1.25 else model
-        captures = self._numbered(name, stamps, seconds[:, 1], time_s, extras)
-        self._note_missing(f"LiDAR {name}", "sweep", time_s, self._ends[name])
+        captures = self._numbered(name, stamps, seconds[:, 1], extras)
+        self._note_missing(f"LiDAR {name}", "sweep", self._ends[name])
         return Lidar(
             sensor_id=name,
             model=model,
-            world_from_lidar=self._track(name, stamps, graph, arcs),
+            world_from_lidar=self._track(name, stamps),
             time_s=captures,
             sees_ego_body=extras is not None and extras.sees_ego_body,
             phase=None if extras is None else extras.phase,
         )
 
     def _numbered(
-        self,
-        name: str,
-        stamps: NDArray[np.int64],
-        own_s: FloatArray,
-        time_s: dict[int, float],
-        extras: SensorExtras | None,
+        self, name: str, stamps: NDArray[np.int64], own_s: FloatArray, extras: SensorExtras | None
     ) -> dict[int, float]:
         """Return a sensor's times by the numbers of its captures, and note by which times NCore names them."""
         named = dict(zip(stamps[:, 1].tolist(), own_s.tolist(), strict=True))
@@ -239,19 +211,17 @@ class NcoreLog(FileLog):
         ends = {number: end for end, number in known.items() if number in captures}
         rest = [end for end in named if end not in known]
         if extras is None:
-            captures = number_captures(time_s, [named[end] for end in rest])
-            by_time = {number: time for number, time in captures.items()}
-            order = sorted(rest, key=named.__getitem__)
-            numbers = sorted(by_time, key=by_time.__getitem__)
-            ends = dict(zip(numbers, order, strict=True))
+            captures = number_captures(self._time_s, [named[end] for end in rest])
+            numbers = sorted(captures, key=captures.__getitem__)
+            ends = dict(zip(numbers, sorted(rest, key=named.__getitem__), strict=True))
         elif rest:
-            for number, end in enumerate(rest, 1 + max([*captures, *time_s])):
+            for number, end in enumerate(rest, 1 + max([*captures, *self._time_s])):
                 captures[number], ends[number] = named[end], end
         self._ends[name] = ends
         return captures
 
-    def _actors(self, graph: PoseGraph, time_s: Mapping[int, float]) -> tuple[dict[str, Actor], dict[str, Motion]]:
-        cuboids = self._parts.cuboids
+    def _actors(self) -> tuple[dict[str, Actor], dict[str, Motion]]:
+        cuboids, graph = self._parts.cuboids, self._graph
         if cuboids is None:
             self._missing.append("there are no cuboids")
             return {}, {}
@@ -272,7 +242,7 @@ class NcoreLog(FileLog):
                 tracks[frame] = _moved(graph.track(frame, WORLD, False), self._origin)
             return tracks[frame].at(times)
 
-        times = np.array(sorted(time_s.values()))
+        times = np.array(sorted(self._time_s.values()))
         margin = float(np.median(np.diff(times))) / 2 if len(times) > 1 else 0.05
         actors = read_actors(observations, str(cuboids.path), world_from, self._epoch_us, margin, given)
         for label in sorted({actor.label for actor in actors.values()}):
@@ -281,10 +251,10 @@ class NcoreLog(FileLog):
                 classes[label] = motion
         return actors, classes
 
-    def _track(self, name: str, stamps: NDArray[np.int64], graph: PoseGraph, arcs: bool) -> Trajectory:
+    def _track(self, name: str, stamps: NDArray[np.int64]) -> Trajectory:
         """A sensor's trajectory. It is noted where poses, those of another's sequence, end long before its frames do."""
-        track, seconds = graph.track(name, WORLD, arcs), self._seconds(stamps)
-        if arcs and len(seconds) and len(track.times_s) > 1:
+        track, seconds = self._graph.track(name, WORLD, self._arcs), self._seconds(stamps)
+        if self._arcs and len(seconds) and len(track.times_s) > 1:
             before, after = track.times_s[0] - seconds.min(), seconds.max() - track.times_s[-1]
             if max(before, after) > MARGIN_S:
                 self._missing.append(
@@ -293,10 +263,10 @@ class NcoreLog(FileLog):
                 )
         return _moved(track, self._origin)
 
-    def _note_missing(self, what: str, capture: str, time_s: Mapping[int, float], there: Mapping[int, int]) -> None:
-        absent = sum(frame not in there for frame in time_s)
+    def _note_missing(self, what: str, capture: str, there: Mapping[int, int]) -> None:
+        absent = sum(frame not in there for frame in self._time_s)
         if there and absent:
-            self._missing.append(f"{what}: no {capture} of {absent} of {len(time_s)} frames")
+            self._missing.append(f"{what}: no {capture} of {absent} of {len(self._time_s)} frames")
 
 
 def _leading(stamps: Mapping[str, Mapping[str, NDArray[np.int64]]], path: Path) -> NDArray[np.int64]:

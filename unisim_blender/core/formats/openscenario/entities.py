@@ -116,11 +116,9 @@ class Hangs:
     off: Callable[[float], float | None]
 
     def value(self, time_s: float) -> float:
-        """Return the speed."""
         return self.other.speed(time_s)
 
     def done(self, time_s: float) -> bool:
-        """Return False."""
         return False
 
 

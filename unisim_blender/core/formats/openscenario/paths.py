@@ -142,7 +142,6 @@ class Curve:
 
     @property
     def length_m(self) -> float:
-        """Arc length of the end."""
         return float(self.s_m[-1])
 
     def at(self, s_m: float, left_m: float = 0.0) -> Place:

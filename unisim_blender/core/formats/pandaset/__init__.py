@@ -45,7 +45,6 @@ class PandasetReader:
         return sizes.keys() - left_out
 
     def open(self, path: Path) -> Log:
-        """Open the log in a folder. Raises `LogError`."""
         from .read import PandasetLog
 
         return PandasetLog(path)

@@ -138,7 +138,6 @@ class PandasetWriter:
         write_file(self.image_path(camera, frame), jpeg)
 
     def image_path(self, camera: str, frame: int) -> Path:
-        """Where an image is written."""
         return self.path / "camera" / camera / f"{frame:02d}.jpg"
 
     def write_sweep(self, frame: int, sweeps: Mapping[str, Sweep | LidarFrame]) -> None:
@@ -157,7 +156,6 @@ class PandasetWriter:
         write_table(self.sweep_path(frame), table)  # the last: when it is there, so are the classes
 
     def sweep_path(self, frame: int) -> Path:
-        """Where a frame's sweeps are written."""
         return self.path / "lidar" / f"{frame:02d}.pkl.gz"
 
     def write_cuboids(self, frame: int) -> None:
@@ -183,7 +181,6 @@ class PandasetWriter:
         write_table(self.cuboids_path(frame), table)
 
     def cuboids_path(self, frame: int) -> Path:
-        """Where a frame's boxes are written."""
         return self.path / "annotations" / "cuboids" / f"{frame:02d}.pkl.gz"
 
     def finish(self) -> None:

@@ -49,19 +49,16 @@ class RosEncoder(MessageEncoder):
         return self._topics[kind, sensor_id]
 
     def transforms(self, time_ns: int, poses: Mapping[str, Pose], parent: str = WORLD) -> Any:
-        """See `MessageEncoder`."""
         transforms = [_transform(time_ns, name, pose, parent) for name, pose in poses.items()]
         return _of("tf2_msgs/TFMessage", transforms=transforms)
 
     def boxes(self, time_ns: int, boxes: Sequence[LabelledBox]) -> Any:
-        """See `MessageEncoder`."""
         actions = TYPES.types["visualization_msgs/msg/Marker"]
         first = _marker(time_ns, "", 0, actions.DELETEALL, None)
         marks = [_marker(time_ns, box.label, number, actions.ADD, box) for number, box in enumerate(boxes)]
         return _of("visualization_msgs/MarkerArray", markers=[first, *marks])
 
     def calibration(self, message: ImageMessage, calibration: OpenCVCalibration) -> Any:
-        """See `MessageEncoder`."""
         region = _of("sensor_msgs/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
         return _of(
             "sensor_msgs/CameraInfo",
@@ -79,12 +76,10 @@ class RosEncoder(MessageEncoder):
         )
 
     def compressed_image(self, message: ImageMessage) -> Any:
-        """See `MessageEncoder`."""
         header, data = _header(message.time_ns, message.sensor_id), np.frombuffer(message.path.read_bytes(), np.uint8)
         return _of("sensor_msgs/CompressedImage", header=header, format="png", data=data)
 
     def point_cloud(self, message: SweepMessage) -> Any:
-        """See `MessageEncoder`."""
         types = TYPES.types["sensor_msgs/msg/PointField"]
         numbers = {"<f4": types.FLOAT32, "<f8": types.FLOAT64, "<i4": types.INT32}
         fields = [
@@ -106,7 +101,6 @@ class RosEncoder(MessageEncoder):
         )
 
     def odometry(self, message: RolloutEgo) -> Any:
-        """See `MessageEncoder`."""
         zeros = np.zeros(36)
         linear, angular = _vector((message.speed_m_s, 0.0, 0.0)), _vector((0.0, 0.0, message.yaw_rate_rad_s))
         twist = _of("geometry_msgs/Twist", linear=linear, angular=angular)
@@ -119,7 +113,6 @@ class RosEncoder(MessageEncoder):
         )
 
     def path(self, message: PlannedPoses) -> Any:
-        """See `MessageEncoder`."""
         poses = [
             _of("geometry_msgs/PoseStamped", header=_header(time_ns, WORLD), pose=_pose(pose))
             for time_ns, pose in zip(message.times_ns, message.poses, strict=True)

@@ -26,7 +26,6 @@ class WaymoReader:
         return any((path / POSES).glob(f"*{SUFFIX}")) if (path / POSES).is_dir() else False
 
     def open(self, path: Path) -> Log:
-        """Open the segment at a path. Raises `LogError`."""
         from .read import WaymoLog
 
         return WaymoLog(path)

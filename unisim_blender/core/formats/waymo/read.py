@@ -263,7 +263,6 @@ class WaymoLog(FileLog):
         return range_images.read_sweep(self._segment, row, pose_row, ours, self._mount, time_s, turn_s, self._origin)
 
     def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
-        """The recorded sweep as beams x columns, with drops."""
         sweep, ours = self.sweep(lidar, frame), self.drive.lidars[lidar]
         return make_grid(sweep, ours, frame, self._find_never_returned(lidar))
 

@@ -38,11 +38,9 @@ class Segment:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """The segment's files of all components."""
         return tuple(self.root.glob(f"*/{self.name}{SUFFIX}"))
 
     def has(self, component: str) -> bool:
-        """Whether the segment has a component."""
         return self.file(component).is_file()
 
     def read(self, component: str, columns: dict[str, Kind]) -> ArrowColumns:

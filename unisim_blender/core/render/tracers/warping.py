@@ -191,7 +191,6 @@ class WarpTracer(SurfelTracer):
         self.edited = [not self.sources.unedited(actor, state) for actor in self.active.own.actors]
 
     def colours(self, rays: Rays, hits: SurfelHits, pixel_rad: float) -> tuple[Array, BoolArray]:
-        """See `SurfelTracer.colours`."""
         painted, unsupported = super().colours(rays, hits, pixel_rad)
         total = np.zeros((len(painted), 4))
         own, copies = len(self.active.own.actors), hits.owner >= len(self.active.own.actors)

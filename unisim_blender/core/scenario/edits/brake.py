@@ -11,7 +11,7 @@ from ...world.drive import Actor, Drive
 from ..checks import require
 from ..context import EditContext
 from ..edit import register
-from ..json_schema import NOT_NEGATIVE, NUMBER, POSITIVE, TEXT
+from ..json_schema import NotNegative, Positive
 from ..motion.maneuvers import RAMP_S, Maneuver, frame_times, joined, own_course
 
 STEP_S = 0.01
@@ -24,23 +24,14 @@ class Brake(Maneuver):
     never faster than before at any place."""
 
     type = "brake"
-    members = {
-        "actor": TEXT,
-        "at_s": NUMBER,
-        "deceleration_m_s2": POSITIVE,
-        "speed_m_s": NOT_NEGATIVE,
-        "stands_s": NOT_NEGATIVE,
-        "acceleration_m_s2": POSITIVE,
-    }
 
     at_s: float
-    deceleration_m_s2: float
-    speed_m_s: float | None = None
-    stands_s: float | None = None
-    acceleration_m_s2: float | None = None
+    deceleration_m_s2: Positive
+    speed_m_s: NotNegative | None = None
+    stands_s: NotNegative | None = None
+    acceleration_m_s2: Positive | None = None
 
     def motion(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> Trajectory:
-        """Return the trajectory."""
         course, slow = own_course(actor, self.at_s, place), self.speed_m_s or 0.0
         before = float(course.speed(self.at_s))
         require(

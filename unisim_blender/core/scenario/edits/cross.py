@@ -11,10 +11,10 @@ from ...world.drive import Actor, Drive
 from ..checks import require
 from ..context import EditContext
 from ..edit import register
-from ..json_schema import NOT_NEGATIVE, NUMBER, POSITIVE, TEXT
+from ..json_schema import NotNegative, Positive
 from ..motion.maneuvers import Maneuver, ego_course, ego_front_m, frame_times, throughout
 from ..types import Scenario
-from .cut_in import SIDES
+from .cut_in import Side
 
 FROM_M = 6.0
 START_M_S2 = 1.0
@@ -28,33 +28,21 @@ class Cross(Maneuver):
     front; it stands before and afterwards."""
 
     type = "cross"
-    members = {
-        "actor": TEXT,
-        "at_s": NUMBER,
-        "side": SIDES,
-        "speed_m_s": POSITIVE,
-        "gap_s": NOT_NEGATIVE,
-        "gap_m": NOT_NEGATIVE,
-        "from_m": POSITIVE,
-    }
 
     at_s: float
-    side: str
-    speed_m_s: float
-    gap_s: float | None = None
-    gap_m: float | None = None
-    from_m: float | None = None
+    side: Side
+    speed_m_s: Positive
+    gap_s: NotNegative | None = None
+    gap_m: NotNegative | None = None
+    from_m: Positive | None = None
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse two gaps or none."""
         require((self.gap_s is None) != (self.gap_m is None), place, "needs gap_s or gap_m, one of them")
 
     def window(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> tuple[float, float]:
-        """Return when the actor is present: always."""
         return context.presence(None, place)
 
     def motion(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> Trajectory:
-        """Return the trajectory."""
         ego, at_s = ego_course(drive, place), context.check_time(self.at_s, f"{place}.at_s")
         gap = self.gap_m if self.gap_s is None else self.gap_s * float(ego.speed(at_s))
         assert gap is not None  # one of both is there: the scenario was checked

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from ...world.drive import Actor, Drive
 from ..checks import fail, require
 from ..context import EditContext
 from ..edit import register
-from ..json_schema import NUMBER, POSITIVE, TEXT
+from ..json_schema import Positive, SchemaOf
 from ..motion.maneuvers import (
     FASTER_M_S2,
     SLOWER_M_S2,
@@ -30,7 +31,7 @@ from ..motion.maneuvers import (
 )
 from ..types import Scenario
 
-SIDES = {"enum": ["left", "right"]}
+Side = Annotated[str, SchemaOf({"enum": ["left", "right"]})]
 LANE_M = 3.5
 """Width of a lane, where an edit does not say."""
 LONGEST_S = 10.0
@@ -45,32 +46,20 @@ class CutInManeuver(Maneuver):
     or a speed; with a side, it drives in the lane beside until then."""
 
     type = "cut_in"
-    members = {
-        "actor": TEXT,
-        "at_s": NUMBER,
-        "gap_s": POSITIVE,
-        "gap_m": POSITIVE,
-        "side": SIDES,
-        "lane_m": POSITIVE,
-        "duration_s": POSITIVE,
-        "speed_m_s": POSITIVE,
-    }
 
     at_s: float
-    gap_s: float | None = None
-    gap_m: float | None = None
-    side: str | None = None
-    lane_m: float | None = None
-    duration_s: float | None = None
-    speed_m_s: float | None = None
+    gap_s: Positive | None = None
+    gap_m: Positive | None = None
+    side: Side | None = None
+    lane_m: Positive | None = None
+    duration_s: Positive | None = None
+    speed_m_s: Positive | None = None
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse two gaps or none, and a lane without a side."""
         require((self.gap_s is None) != (self.gap_m is None), place, "needs gap_s or gap_m, one of them")
         require(self.lane_m is None or self.side is not None, f"{place}.lane_m", "needs a side")
 
     def window(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> tuple[float, float]:
-        """Return when the actor is present: with a side, always."""
         return super().window(actor, drive, place, context) if self.side is None else context.presence(None, place)
 
     def motion(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> Trajectory:

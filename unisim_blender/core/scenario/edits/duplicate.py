@@ -10,29 +10,18 @@ from ...geometry import Vector3
 from ...world.drive import Drive
 from ..checks import require
 from ..context import EditContext, check_new, current, newcomer, with_actor
-from ..edit import Edit, register
-from ..json_schema import NUMBER, TEXT, VECTOR
-from ..motion.keys import ACTOR_PATH, Keyframe, Present, check_path
-from ..motion.placement import Placement
+from ..edit import register
+from ..motion.keys import ActorPathEdit
 from ..motion.trajectories import TimeMap, beside, retimed
 from ..types import Scenario
 
 
 @register
 @dataclass(frozen=True)
-class Duplicate(Edit):
+class Duplicate(ActorPathEdit):
     """A second actor with the source's appearance: displaced, later, or on a path of its own."""
 
     type = "duplicate"
-    members = {
-        "actor": TEXT,
-        "id": TEXT,
-        "offset_m": VECTOR,
-        "world_offset_m": VECTOR,
-        "turn_deg": NUMBER,
-        "time_offset_s": NUMBER,
-        **ACTOR_PATH,
-    }
     seen_by = "actors"
 
     actor: str
@@ -41,28 +30,18 @@ class Duplicate(Edit):
     world_offset_m: Vector3 | None = None
     turn_deg: float | None = None
     time_offset_s: float | None = None
-    pose: Placement | None = None
-    trajectory: tuple[Keyframe, ...] | None = None
-    outside: str | None = None
-    present: Present | None = None
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse a displacement beside a path, and a path that contradicts itself."""
-        displaced = {
-            name
-            for name in ("offset_m", "world_offset_m", "turn_deg", "time_offset_s")
-            if getattr(self, name) is not None
-        }
-        placed = self.pose is not None or self.trajectory is not None
-        require(not (displaced and placed), place, f"has {', '.join(sorted(displaced))} beside a path of its own")
-        check_path(self, place, needed=False)
+        names = "offset_m", "time_offset_s", "turn_deg", "world_offset_m"
+        displaced = [name for name in names if getattr(self, name) is not None]
+        require(not (displaced and self.has_path), place, f"has {', '.join(displaced)} beside a path of its own")
+        self.check_path(place, needed=False)
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """Return the drive with a second actor that looks like the source."""
         source = current(drive, self.actor, f"{place}.actor", context)
         check_new(drive, self.id, place, context)
-        if self.pose is not None or self.trajectory is not None:
-            trajectory = context.trajectory(self.pose, self.trajectory, self.outside, place)
+        if self.has_path:
+            trajectory = self.path(place, context)
             start, end = source.start_s, source.end_s
         else:
             trajectory = beside(source.world_from_actor, self.offset_m, self.world_offset_m, self.turn_deg)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from ...world.drive import Actor, Appearance, Drive
-from ..context import SENSOR_MARGIN_S, EditContext, check_new, mesh_of, with_actor
+from ..context import EditContext, check_new, mesh_of, riding, with_actor
 from ..edit import Edit, register
-from ..json_schema import PATH, TEXT, ref
+from ..json_schema import FilePath
 from ..motion.placement import Placement, check_rotation, pose_of
-from ..motion.trajectories import is_moving, merged_times, sampled
+from ..motion.trajectories import is_moving
 from ..types import Scenario
 
 DEFAULT_LABEL = "Car"
@@ -25,26 +23,22 @@ class EgoBody(Edit):
     sensors do not see it."""
 
     type = "ego_body"
-    members = {"mesh": PATH, "id": TEXT, "mount": ref("placement"), "label": TEXT}
     meshes = ("mesh",)
     seen_by = "ego"
 
-    mesh: str
+    mesh: FilePath
     id: str
     mount: Placement
     label: str | None = None
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse a mount whose rotation is none."""
         check_rotation(self.mount, f"{place}.mount")
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
         """Return the drive with a mesh on the vehicle, wherever edits before and after this one let it drive."""
         path, size_m = mesh_of(self.mesh, place, context)
         check_new(drive, self.id, place, context)
-        ego, mount = drive.world_from_ego, pose_of(self.mount)
-        ends = np.array([min(drive.time_s.values()) - SENSOR_MARGIN_S, max(drive.time_s.values()) + SENSOR_MARGIN_S])
-        trajectory = sampled(lambda t: ego.at(t) @ mount, merged_times(ego.times_s, ends))
+        trajectory = riding(drive, pose_of(self.mount))
         start, end = context.presence(None, place)
         body = Actor(
             self.id, self.label or DEFAULT_LABEL, size_m, trajectory, start, end, is_moving(trajectory),

@@ -9,7 +9,7 @@ from ...world.drive import Actor, Drive
 from ..checks import require
 from ..context import EditContext, current
 from ..edit import register
-from ..json_schema import NOT_NEGATIVE, TEXT
+from ..json_schema import NotNegative
 from ..motion.maneuvers import DrivenPath, Maneuver, frame_times, throughout
 from ..types import Scenario
 
@@ -20,28 +20,19 @@ class Follow(Maneuver):
     """The actor follows a leader on its path as Newell's drivers do (2002): so much later, and a gap behind its rear."""
 
     type = "follow"
-    members = {
-        "actor": TEXT,
-        "leader": TEXT,
-        "gap_s": NOT_NEGATIVE,
-        "gap_m": NOT_NEGATIVE,
-    }
 
     leader: str
-    gap_s: float
-    gap_m: float
+    gap_s: NotNegative
+    gap_m: NotNegative
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse an actor that follows itself."""
         require(self.leader != self.actor, f"{place}.leader", f'"{self.actor}" cannot follow itself')
 
     def window(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> tuple[float, float]:
-        """Return when the actor is present: with its leader."""
         leader = drive.actors[self.leader]
         return leader.start_s, leader.end_s
 
     def motion(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> Trajectory:
-        """Return the trajectory."""
         leader, times = current(drive, self.leader, f"{place}.leader", context), frame_times(context)
         course = DrivenPath.of(leader.world_from_actor)
         require(course is not None, f"{place}.leader", f'"{self.leader}" stands: there is nothing to follow')

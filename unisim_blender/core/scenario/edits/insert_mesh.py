@@ -6,12 +6,10 @@ from dataclasses import dataclass
 
 from ...world.drive import Actor, Appearance, Drive
 from ..context import EditContext, check_new, mesh_of, with_actor
-from ..edit import Edit, register
-from ..json_schema import PATH, TEXT
-from ..motion.keys import ACTOR_PATH, Keyframe, Present, check_path
-from ..motion.placement import Placement
+from ..edit import register
+from ..json_schema import FilePath
+from ..motion.keys import ActorPathEdit
 from ..motion.trajectories import is_moving
-from ..types import Scenario
 
 DEFAULT_LABEL = "Other"
 """The class of a mesh whose class nobody told."""
@@ -19,37 +17,24 @@ DEFAULT_LABEL = "Other"
 
 @register
 @dataclass(frozen=True)
-class InsertMesh(Edit):
+class InsertMesh(ActorPathEdit):
     """A mesh out of a file, on a path of its own or standing still; ``label`` is its class."""
 
     type = "insert_mesh"
-    members = {"mesh": PATH, "id": TEXT, "label": TEXT, **ACTOR_PATH}
     meshes = ("mesh",)
     seen_by = "actors"
 
-    mesh: str
+    mesh: FilePath
     id: str
     label: str | None = None
-    pose: Placement | None = None
-    trajectory: tuple[Keyframe, ...] | None = None
-    outside: str | None = None
-    present: Present | None = None
-
-    def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse a path that is missing or contradicts itself."""
-        check_path(self, place)
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """Return the drive with a mesh in it; its box is the mesh's extent."""
         path, size_m = mesh_of(self.mesh, place, context)
         check_new(drive, self.id, place, context)
-        trajectory = context.trajectory(self.pose, self.trajectory, self.outside, place)
+        trajectory = self.path(place, context)
         start, end = context.presence(self.present, place)
-        label, moving, appearance = (
-            self.label or DEFAULT_LABEL,
-            is_moving(trajectory),
-            Appearance(self.id, mesh=str(path)),
-        )
-        return with_actor(
-            drive, Actor(self.id, label, size_m, trajectory, start, end, moving, appearance, inserted=True)
-        )
+        mesh = Actor(
+            self.id, self.label or DEFAULT_LABEL, size_m, trajectory, start, end, is_moving(trajectory),
+            Appearance(self.id, mesh=str(path)), inserted=True,
+        )  # fmt: skip
+        return with_actor(drive, mesh)

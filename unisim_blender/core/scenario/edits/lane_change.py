@@ -10,7 +10,7 @@ from ...geometry import Trajectory
 from ...world.drive import Actor, Drive
 from ..context import EditContext
 from ..edit import register
-from ..json_schema import NUMBER, POSITIVE, TEXT
+from ..json_schema import Positive
 from ..motion.maneuvers import SPEED_S, Maneuver, ease, frame_times, joined, needed_m, own_course, too_late
 
 
@@ -20,11 +20,10 @@ class LaneChange(Maneuver):
     """The actor goes on along its path, from a time on so far to the left of it."""
 
     type = "lane_change"
-    members = {"actor": TEXT, "at_s": NUMBER, "left_m": NUMBER, "duration_s": POSITIVE}
 
     at_s: float
     left_m: float
-    duration_s: float | None = None
+    duration_s: Positive | None = None
 
     def motion(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> Trajectory:
         """Return the trajectory; without a duration, that of a comfortable change."""

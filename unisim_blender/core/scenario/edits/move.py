@@ -10,50 +10,41 @@ from ...geometry import Trajectory, Vector3
 from ...world.drive import Actor, Drive
 from ..checks import require
 from ..context import EditContext, current, with_actor
-from ..edit import Edit, register
-from ..json_schema import NUMBER, TEXT, VECTOR
-from ..motion.keys import ACTOR_PATH, Keyframe, Present, check_path
+from ..edit import register
+from ..motion.keys import ActorPathEdit
 from ..motion.paths import ahead, is_path
-from ..motion.placement import Placement
 from ..motion.trajectories import TimeMap, beside, is_moving, retimed
 from ..types import Scenario
 
 
 @register
 @dataclass(frozen=True)
-class Move(Edit):
+class Move(ActorPathEdit):
     """A new trajectory, a place to stand, or the actor's own trajectory: ahead along its path, displaced along its axes
     and delayed."""
 
     type = "move"
-    members = {"actor": TEXT, "ahead_m": NUMBER, "offset_m": VECTOR, "later_s": NUMBER, **ACTOR_PATH}
     seen_by = "actors"
 
     actor: str
     offset_m: Vector3 | None = None
     later_s: float | None = None
     ahead_m: float | None = None
-    pose: Placement | None = None
-    trajectory: tuple[Keyframe, ...] | None = None
-    outside: str | None = None
-    present: Present | None = None
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse a path that is missing or contradicts itself, and a displacement beside one."""
         shifted = [name for name in ("ahead_m", "offset_m", "later_s") if getattr(self, name) is not None]
-        placed = self.pose is not None or self.trajectory is not None
-        require(not (shifted and placed), place, f"has {', '.join(shifted)} beside a path of its own")
-        check_path(self, place, needed=not shifted)
+        require(not (shifted and self.has_path), place, f"has {', '.join(shifted)} beside a path of its own")
+        self.check_path(place, needed=not shifted)
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
         """Return the drive with the actor on another path; it is there when it was, or later, unless the edit says
         when."""
         actor = current(drive, self.actor, f"{place}.actor", context)
-        if self.pose is None and self.trajectory is None:
+        if not self.has_path:
             actor = shifted(actor, self.offset_m, self.later_s or 0.0, self.ahead_m or 0.0, context.recorded)
             trajectory, keyed = actor.world_from_actor, actor.is_moving
         else:
-            trajectory = context.trajectory(self.pose, self.trajectory, self.outside, place)
+            trajectory = self.path(place, context)
             keyed = self.trajectory is not None and len(self.trajectory) > 1
         start, end = (actor.start_s, actor.end_s) if self.present is None else context.presence(self.present, place)
         return with_actor(drive, moved(actor, trajectory, (start, end), keyed))

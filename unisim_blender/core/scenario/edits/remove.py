@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from ...world.drive import Drive
 from ..context import EditContext, current
 from ..edit import Edit, register
-from ..json_schema import TEXT
 
 
 @register
@@ -16,16 +15,13 @@ class Remove(Edit):
     """The actor is not there."""
 
     type = "remove"
-    members = {"actor": TEXT}
     seen_by = "actors"
 
     actor: str
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """Return the drive without the actor."""
         current(drive, self.actor, f"{place}.actor", context)
         return replace(drive, actors={uid: actor for uid, actor in drive.actors.items() if uid != self.actor})
 
     def removes(self, uid: str) -> bool:
-        """Return whether ``uid`` is the actor."""
         return uid == self.actor

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from ...world.drive import Drive
 from ..context import EditContext, box_of, check_box
 from ..edit import Edit, register
-from ..json_schema import TEXT
 from ..types import Scenario
 
 
@@ -17,15 +16,12 @@ class RemoveStatic(Edit):
     """What stands in the box is not there."""
 
     type = "remove_static"
-    members = {"box": TEXT}
     seen_by = "static_items"
 
     box: str
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse a box that is not there."""
         check_box(self.box, scenario, place)
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """Return the drive in which nothing stands in the box."""
         return replace(drive, static_removals=(*drive.static_removals, box_of(self.box, context.scenario)))

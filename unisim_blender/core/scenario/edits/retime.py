@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from ...world.drive import Drive
 from ..checks import require
 from ..context import EditContext, current, with_actor
 from ..edit import Edit, register
-from ..json_schema import NUMBER, POSITIVE, TEXT, numbers
+from ..json_schema import Positive, SchemaOf
 from ..motion.trajectories import TimeMap, retimed
 from ..types import Scenario
 
@@ -21,25 +22,16 @@ class Retime(Edit):
     """The same path at other times: later, faster, or by pairs of (scenario time, recorded time)."""
 
     type = "retime"
-    members = {
-        "actor": TEXT,
-        "offset_s": NUMBER,
-        "speed": POSITIVE,
-        "pivot_s": NUMBER,
-        "map": {"type": "array", "items": numbers(2), "minItems": 1},
-        "outside": {"enum": ["absent", "hold", "continue"]},
-    }
     unseen_because = "keys of a Blender object are places at frames: a retimed actor is read as one that is moved"
 
     actor: str
     offset_s: float | None = None
-    speed: float | None = None
+    speed: Positive | None = None
     pivot_s: float | None = None
     map: tuple[tuple[float, float], ...] | None = None
-    outside: str | None = None
+    outside: Annotated[str, SchemaOf({"enum": ["absent", "hold", "continue"]})] | None = None
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse what says nothing or two things, and time that runs backwards."""
         if self.map is None:
             require(self.offset_s is not None or self.speed is not None, place, "needs offset_s, speed or map")
             require(self.pivot_s is None or self.speed is not None, f"{place}.pivot_s", "needs a speed")
@@ -58,7 +50,6 @@ class Retime(Edit):
             )
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """Return the drive with the actor on the same path at other times."""
         actor = current(drive, self.actor, f"{place}.actor", context)
         time_map = self._time_map(place, context)
         start, end = context.presence(None, place)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from ...geometry import BoolArray, FloatArray, Trajectory, quaternion_from_matrix, rotation_from_angles
+from ...geometry import BoolArray, FloatArray, Trajectory, Vector3, quaternion_from_matrix, rotation_from_angles
 from ...world.drive import Actor, Drive
 from ..checks import fail, require
 from ..context import EditContext, actor_of, check_new, newcomer, with_actor
 from ..edit import Edit, register
-from ..json_schema import NOT_NEGATIVE, NUMBER, POSITIVE, TEXT, VECTOR
+from ..json_schema import VECTOR, NotNegative, Positive, SchemaOf
 from ..motion.maneuvers import DrivenPath
 from ..types import Scenario
 
@@ -32,35 +33,21 @@ class Row(Edit):
     where something else is stay free."""
 
     type = "row"
-    members = {
-        "actor": TEXT,
-        "id": TEXT,
-        "start_m": NUMBER,
-        "end_m": NUMBER,
-        "count": {"type": "integer", "minimum": 1, "maximum": 1000},
-        "spacing_m": POSITIVE,
-        "along": TEXT,
-        "path": {"type": "array", "items": VECTOR, "minItems": 2},
-        "left_m": NUMBER,
-        "end_left_m": NUMBER,
-        "variation_m": NOT_NEGATIVE,
-    }
     seen_by = "actors"
 
     actor: str
     id: str
     start_m: float
     end_m: float
-    count: int | None = None
-    spacing_m: float | None = None
+    count: Annotated[int, SchemaOf({"type": "integer", "minimum": 1, "maximum": 1000})] | None = None
+    spacing_m: Positive | None = None
     along: str | None = None
-    path: tuple[tuple[float, float, float], ...] | None = None
+    path: Annotated[tuple[Vector3, ...], SchemaOf({"type": "array", "items": VECTOR, "minItems": 2})] | None = None
     left_m: float | None = None
     end_left_m: float | None = None
-    variation_m: float | None = None
+    variation_m: NotNegative | None = None
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse two paths, and a number beside a spacing or neither."""
         require(self.along is None or self.path is None, place, "has along beside path, which exclude each other")
         require((self.count is None) != (self.spacing_m is None), place, "needs count or spacing_m, and not both")
 

@@ -12,7 +12,6 @@ from ...world.drive import Drive
 from ..checks import fail, require
 from ..context import EditContext, current, with_actor
 from ..edit import Edit, register
-from ..json_schema import TEXT, VECTOR
 from ..types import Scenario
 
 SIZE_FACTOR_BOUNDS = 0.1, 10.0
@@ -32,14 +31,12 @@ class Scale(Edit):
     factors of 0.1 to 10."""
 
     type = "scale"
-    members = {"actor": TEXT, "factors": VECTOR}
     seen_by = "actors"
 
     actor: str
     factors: Vector3
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse factors beyond the bounds."""
         require(scales(self.factors), f"{place}.factors", f"{list(self.factors)} {UNSCALABLE}")
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from ...world.drive import Drive
 from ..context import EditContext, current, with_actor
 from ..edit import Edit, register
-from ..json_schema import PATH, TEXT
+from ..json_schema import FilePath
 from ..motion.trajectories import beside
 
 
@@ -17,13 +17,12 @@ class Swap(Edit):
     """Give the actor the appearance, class and box of another one, on the same ground."""
 
     type = "swap"
-    members = {"actor": TEXT, "appearance": TEXT, "scene": PATH}
     former_names = {"look": "appearance"}
     seen_by = "actors"
 
     actor: str
     appearance: str
-    scene: str | None = None
+    scene: FilePath | None = None
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
         """Return the drive with the new appearance, box and class at the actor's place; the undersides of both boxes

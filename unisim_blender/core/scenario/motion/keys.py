@@ -4,12 +4,18 @@ an actor is there."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Annotated
 
 from ..checks import require
-from ..json_schema import FRAME, NUMBER, Schema, members_of, ref
-from .placement import POSE, Placement, check_rotation
+from ..edit import Edit
+from ..json_schema import Schema, SchemaOf, object_of, ref
+from .placement import Placement, check_rotation
+
+if TYPE_CHECKING:
+    from ...geometry import Trajectory
+    from ..context import EditContext
+    from ..types import Scenario
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,59 +43,56 @@ class Present:
     end_s: float | None = None
 
 
-TIME: dict[str, Schema] = {"time_s": NUMBER, "frame": FRAME}
+Keyframes = Annotated[tuple[Keyframe, ...], SchemaOf(ref("keyframes"))]
+Beyond = Annotated[str, SchemaOf(ref("outside"))]
+"""What something does before its first key and after its last: "continue" or "hold"."""
 DEFS: dict[str, Schema] = {
-    "keyframe": members_of({**TIME, **POSE}, ["position"]),
+    "keyframe": object_of(Keyframe),
     "keyframes": {"type": "array", "items": ref("keyframe"), "minItems": 1},
     "outside": {
         "enum": ["continue", "hold"],
         "description": "Before the first key and after the last: on at the end's velocity, or standing still.",
     },
-    "present": members_of({"start_s": NUMBER, "end_s": NUMBER}),
-    "shift_key": members_of({**TIME, "left_m": NUMBER}, ["left_m"]),
+    "present": object_of(Present),
+    "shift_key": object_of(ShiftKey),
 }
-ACTOR_PATH: dict[str, Schema] = {
-    "pose": ref("placement"),
-    "trajectory": ref("keyframes"),
-    "outside": ref("outside"),
-    "present": ref("present"),
-}
-"""Members of an edit that gives an actor a path of its own."""
 
 
-class ActorPathEdit(Protocol):
-    """An edit with the members of `ACTOR_PATH`."""
+@dataclass(frozen=True, kw_only=True)
+class ActorPathEdit(Edit):
+    """An edit that may give an actor a path of its own: a pose to stand at, or keyframes."""
 
-    @property
-    def pose(self) -> Placement | None:
-        """The pose of an actor that stands."""
+    pose: Placement | None = None
+    trajectory: Keyframes | None = None
+    outside: Beyond | None = None
+    present: Present | None = None
 
     @property
-    def trajectory(self) -> tuple[Keyframe, ...] | None:
-        """The keyframes of its trajectory."""
+    def has_path(self) -> bool:
+        """Whether it gives a path."""
+        return self.pose is not None or self.trajectory is not None
 
-    @property
-    def outside(self) -> str | None:
-        """Behaviour beyond the keys."""
+    def check(self, scenario: Scenario, place: str) -> None:
+        self.check_path(place, needed=True)
 
-    @property
-    def present(self) -> Present | None:
-        """Its presence."""
+    def check_path(self, place: str, needed: bool) -> None:
+        """Raise `ScenarioError` for a path that contradicts itself, or that is missing where it is ``needed``."""
+        given = (self.pose is not None) + (self.trajectory is not None)
+        require(needed <= given <= 1, place, "needs pose or trajectory, one of them")
+        require(self.outside is None or self.trajectory is not None, f"{place}.outside", "needs a trajectory")
+        if self.pose is not None:
+            check_rotation(self.pose, f"{place}.pose")
+        check_keys(self.trajectory or (), f"{place}.trajectory")
+        if self.present is not None and self.present.start_s is not None and self.present.end_s is not None:
+            start, end = self.present.start_s, self.present.end_s
+            require(start <= end, f"{place}.present", f"end_s {end} lies before start_s {start}")
+
+    def path(self, place: str, context: EditContext) -> Trajectory:
+        """Return the path that it gives."""
+        return context.trajectory(self.pose, self.trajectory, self.outside, place)
 
 
-def check_path(edit: ActorPathEdit, place: str, needed: bool = True) -> None:
-    """Raise `ScenarioError` for a path of an actor's own that contradicts itself, or that is missing where
-    it is ``needed``."""
-    given = [name for name in ("pose", "trajectory") if getattr(edit, name) is not None]
-    require(needed <= len(given) <= 1, place, "needs pose or trajectory, one of them")
-    require(edit.outside is None or edit.trajectory is not None, f"{place}.outside", "needs a trajectory")
-    if edit.pose is not None:
-        check_rotation(edit.pose, f"{place}.pose")
-    if edit.trajectory is not None:
-        check_keys(edit.trajectory, f"{place}.trajectory")
-    if edit.present is not None and edit.present.start_s is not None and edit.present.end_s is not None:
-        start, end = edit.present.start_s, edit.present.end_s
-        require(start <= end, f"{place}.present", f"end_s {end} lies before start_s {start}")
+PATH_MEMBERS = tuple(field.name for field in fields(ActorPathEdit))
 
 
 def check_keys(keys: Sequence[Keyframe | ShiftKey], place: str) -> None:

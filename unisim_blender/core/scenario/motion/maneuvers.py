@@ -189,7 +189,6 @@ class Maneuver(Edit):
         return actor.start_s, actor.end_s
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """Return the drive with the actor on its new trajectory."""
         actor = current(drive, self.actor, f"{place}.actor", context)
         trajectory = self.motion(actor, drive, place, context)
         start, end = self.window(actor, drive, place, context)

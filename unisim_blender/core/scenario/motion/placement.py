@@ -5,12 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from ...geometry import FloatArray, Quaternion, Vector3, make_pose, quaternion_from_yaw, quaternion_product
 from ..checks import require
-from ..json_schema import NUMBER, POSITIVE, VECTOR, Schema, members_of, numbers
+from ..json_schema import POSITIVE, Schema, SchemaOf, numbers, object_of
 
 QUATERNION_LENGTH_TOLERANCE = 1e-3
 """Largest deviation of a quaternion's length from 1, for those written by hand."""
@@ -46,24 +47,16 @@ class Offset(Rotation):
 class BoxSpec(Placement):
     """A box of space: its centre's pose and its edges."""
 
-    size_m: Vector3
+    size_m: Annotated[Vector3, SchemaOf(numbers(3, POSITIVE))]
 
 
-POSE: dict[str, Schema] = {
-    "position": VECTOR,
-    "yaw_deg": NUMBER,
-    "pitch_deg": NUMBER,
-    "roll_deg": NUMBER,
-    "quaternion_wxyz": numbers(4),
-}
 DEFS: dict[str, Schema] = {
-    "placement": members_of(
-        POSE,
-        ["position"],
+    "placement": object_of(
+        Placement,
         "A pose: position, and yaw (counter-clockwise), pitch (up) and roll (to the right) or a unit quaternion.",
     ),
-    "box": members_of({**POSE, "size_m": numbers(3, POSITIVE)}, ["position", "size_m"]),
-    "mount_offset": members_of(POSE, (), "Moved along the ego vehicle's axes and turned about the sensor itself."),
+    "box": object_of(BoxSpec),
+    "mount_offset": object_of(Offset, "Moved along the ego vehicle's axes and turned about the sensor itself."),
 }
 
 

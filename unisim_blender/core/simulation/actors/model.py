@@ -4,25 +4,24 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, fields, is_dataclass
-from typing import Any, ClassVar, Protocol, TypeVar, get_args, get_type_hints
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Annotated, Any, ClassVar, Protocol, TypeVar, get_args, get_type_hints
 
 from ...errors import ScenarioError
 from ...registry import Registry
 from ...scenario.checks import steps_in_words
-from ...scenario.json_schema import Schema as Schema
+from ...scenario.json_schema import Schema, SchemaOf, about_of, choice_of, members_of, required_fields, state_members
 from ...scenario.schema import first_fault
 from ...world.drive import Actor
 from ..states import ActorState, Traffic
 from .lead import Lead, Search, find_leads
 from .recording import Recording
 
-SPEED: Schema = {"type": "number", "minimum": 0, "maximum": 100}
-SPEED_DIFFERENCE: Schema = {"type": "number", "minimum": -100, "maximum": 100}
-ACCELERATION: Schema = {"type": "number", "exclusiveMinimum": 0, "maximum": 50}
-DURATION: Schema = {"type": "number", "exclusiveMinimum": 0, "maximum": 600}
-LENGTH: Schema = {"type": "number", "minimum": 0, "maximum": 1000}
-COUNT: Schema = {"type": "integer", "minimum": 1, "maximum": 1000}
+Speed = Annotated[float, SchemaOf({"type": "number", "minimum": 0, "maximum": 100})]
+Acceleration = Annotated[float, SchemaOf({"type": "number", "exclusiveMinimum": 0, "maximum": 50})]
+Duration = Annotated[float, SchemaOf({"type": "number", "exclusiveMinimum": 0, "maximum": 600})]
+Length = Annotated[float, SchemaOf({"type": "number", "minimum": 0, "maximum": 1000})]
+Count = Annotated[int, SchemaOf({"type": "integer", "minimum": 1, "maximum": 1000})]
 
 
 def check_parameters(value: Any, schema: Schema, place: str) -> None:
@@ -72,7 +71,8 @@ class Model(ABC):
     type: ClassVar[str]
     """Its name in a document."""
     members: ClassVar[Mapping[str, Schema]]
-    """The JSON Schema of each field; fields without a default are required."""
+    """The JSON Schema of each field, which follows from its type (`json_schema.schema_of`) unless it is stated; fields
+    without a default are required."""
 
     def __post_init__(self) -> None:
         check_parameters(parameters_to_json(self), {"properties": self.members}, self.type)
@@ -94,7 +94,6 @@ class Model(ABC):
         """See `ActorModel.answer`."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form: ``type`` and every member."""
         return {"type": self.type, **parameters_to_json(self)}
 
 
@@ -128,9 +127,7 @@ ModelT = TypeVar("ModelT", bound=type[Model])
 def register(kind: ModelT) -> ModelT:
     """Register a model: documents that have it can then be read. Raises `TypeError` for an incomplete class,
     `ValueError` for a name that is taken."""
-    stated, own = set(kind.members), {field.name for field in fields(kind)}
-    if stated != own:
-        raise TypeError(f'model "{kind.type}": members {sorted(stated)} are not its fields {sorted(own)}')
+    state_members(kind, "model")
     MODELS.register(kind)
     return kind
 
@@ -154,30 +151,13 @@ def model_from_dict(document: Any, place: str = "model") -> Model:
 
 def model_schema(kind: type[Model]) -> Schema:
     """Return the JSON Schema of one model's document."""
-    required = [field.name for field in fields(kind) if field.default is MISSING]
-    return {
-        "type": "object",
-        "properties": {"type": {"const": kind.type}, **kind.members},
-        "required": ["type", *required],
-        "additionalProperties": False,
-        "description": " ".join((kind.__doc__ or "").partition("\n\n")[0].split()),
-    }
+    properties = {"type": {"const": kind.type}, **kind.members}
+    return members_of(properties, ["type", *required_fields(kind)], about_of(kind))
 
 
 def models_schema() -> Schema:
     """Return the JSON Schema of a document of any registered model."""
-    return {
-        "type": "object",
-        "required": ["type"],
-        "properties": {"type": {"enum": list(MODELS)}},
-        "allOf": [
-            {
-                "if": {"properties": {"type": {"const": kind.type}}, "required": ["type"]},
-                "then": model_schema(kind),
-            }
-            for kind in MODELS.values()
-        ],
-    }
+    return choice_of({name: model_schema(kind) for name, kind in MODELS.items()})
 
 
 def parameters_to_json(value: Any) -> Any:

@@ -29,7 +29,6 @@ class LogDriver:
         del setup
 
     def drive(self, observation: Observation) -> FollowLog:
-        """See `Driver.drive`."""
         del observation
         return FollowLog()
 
@@ -51,7 +50,6 @@ class ConstantDriver:
         self._begun: tuple[int, EgoState] | None = None
 
     def drive(self, observation: Observation) -> Plan:
-        """See `Driver.drive`."""
         if self._begun is None:
             self._begun = observation.time_us, observation.ego
         begun_us, ego = self._begun
@@ -88,7 +86,6 @@ class IdmDriver:
         self._driver = Idm()
 
     def drive(self, observation: Observation) -> Plan:
-        """See `Driver.drive`."""
         assert observation.traffic is not None
         box = observation.traffic.ego
         if self._path is None:

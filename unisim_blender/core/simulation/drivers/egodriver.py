@@ -86,7 +86,6 @@ class EgodriverDriver:
         return self._plan(answer.trajectory, observation.time_us, ego)
 
     def close(self) -> None:
-        """See `Driver.close`."""
         import grpc
 
         try:

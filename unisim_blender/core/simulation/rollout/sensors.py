@@ -47,11 +47,9 @@ class SensorSource(Protocol):
 
     def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
         """Return what exposures see of a world's drive, in their order."""
-        ...
 
     def read(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
         """Return the same of exposures that an earlier run has rendered. Raises `OutputError` where it is not there."""
-        ...
 
 
 @dataclass
@@ -178,7 +176,6 @@ class HiddenActors:
         return self._delivered(drive, exposures, renders=True)
 
     def read(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
-        """See `SensorSource.read`."""
         return self._delivered(drive, exposures, renders=False)
 
     def _delivered(

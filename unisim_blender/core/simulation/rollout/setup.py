@@ -14,7 +14,7 @@ import numpy as np
 from ...data.classes import Motion
 from ...data.log import Log, extras_of
 from ...data.road import RoadCells, road_cells
-from ...errors import OutputError
+from ...errors import OutputError, refused
 from ...formats.readers import open_log
 from ...geometry import FloatArray, invert_pose
 from ...prepare.scenario import log_of_scene
@@ -88,7 +88,7 @@ class Simulation:
         axle_from_world = invert_pose(drive.world_from_ego.at(mid_s) @ context.vehicle.ego_from_axle)
         for name, camera in drive.cameras.items():
             model = camera.model if self.plan.settings.width is None else camera.resized(self.plan.settings.width).model
-            sensors[name] = SensorSetup(model, axle_from_world @ camera.world_from_camera.at(mid_s))
+            sensors[name] = SensorSetup(model, axle_from_world @ camera.trajectory.at(mid_s))
         for name, lidar in drive.lidars.items():
             sensors[name] = SensorSetup(lidar.model, axle_from_world @ lidar.world_from_lidar.at(mid_s))
         recording = context.recording if self.kind.privileged else None
@@ -257,8 +257,6 @@ def note_scenario(scenario: Scenario, out: Path, resume: bool) -> None:
         return
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise OutputError(f"{out}: is not empty; name another folder, or continue the rollout it holds with --resume")
-    try:
+    with refused(out, "made", OutputError):
         out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be made: {error.strerror}") from error
     save_scenario(scenario, path)

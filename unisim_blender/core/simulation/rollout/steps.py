@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import OutputError, UnisimError
+from ...errors import OutputError, UnisimError, in_a_line, refused
 from ..actors.model import ActorMotion
 from ..states import EgoState
 from ..vehicle.actions import Control, Plan
@@ -47,7 +47,6 @@ class RolloutStep:
         return RolloutStep(world.time_us, world.ego, actors, action, captures, dict(unsupported))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
         return {
             "time_us": self.time_us,
             "action": None if self.action is None else action_to_json(self.action),
@@ -113,15 +112,14 @@ def action_from_json(values: Any) -> Action:
 
 def append_step(out: Path, step: RolloutStep) -> None:
     """Write a step behind those that are there. Raises `OutputError`."""
-    try:
+    with refused(out / STEPS_NAME, "written", OutputError):
         with (out / STEPS_NAME).open("a", encoding="utf-8") as file:
             file.write(json.dumps(step.to_json()) + "\n")
-    except OSError as error:
-        raise OutputError(f"{out / STEPS_NAME}: cannot be written: {error.strerror}") from error
 
 
-def read_steps(out: Path) -> list[RolloutStep]:
-    """Return the steps of a rollout's folder; a last line that was cut off is taken away from the file. Raises `OutputError`."""
+def read_steps(out: Path, mends: bool = True) -> list[RolloutStep]:
+    """Return the steps of a rollout's folder without a last line that was cut off, which is taken away from the file where this
+    ``mends`` it. Raises `OutputError`."""
     path = out / STEPS_NAME
     try:
         content = path.read_bytes()
@@ -130,7 +128,7 @@ def read_steps(out: Path) -> list[RolloutStep]:
     except OSError as error:
         raise OutputError(f"{path}: cannot be read: {error.strerror}") from error
     whole = content[: content.rfind(b"\n") + 1]
-    if len(whole) < len(content):
+    if mends and len(whole) < len(content):
         path.write_bytes(whole)
     return [_step(path, number, line) for number, line in enumerate(whole.splitlines(), 1)]
 
@@ -152,4 +150,4 @@ def _step(path: Path, number: int, line: bytes) -> RolloutStep:
     try:
         return RolloutStep.from_json(json.loads(line))
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, UnisimError) as error:
-        raise OutputError(f"{path}: line {number} is no step of a rollout: {error}") from error
+        raise OutputError(f"{path}: line {number} is no step of a rollout: {in_a_line(error)}") from error

@@ -143,7 +143,6 @@ class Record:
 
     @cached_property
     def tracks(self) -> Tracks:
-        """The actors as arrays."""
         labels = {footprint.uid: footprint.label for step in reversed(self.actors) for footprint in step}
         uids = tuple(sorted(labels))
         if EGO in labels:

@@ -103,10 +103,10 @@ class CompiledActors:
         of_boxes = [array for each in boxes for array in each.arrays.values()]
         return [*of_boxes, self._sources, self._removals, self._removal_sizes]
 
-    def struct(self, rays: Rays) -> tuple[ActiveActorsStruct, list[Any], int]:
-        """Return the structure for these flat rays, the arrays that it points to beside this object's, and the number
-        of culled actors."""
-        candidates = [boxes.bounds.in_reach(rays) for boxes in self.actor_sets]
+    def struct(self, rays: Rays, slack_rad: float = 0.0) -> tuple[ActiveActorsStruct, list[Any], int]:
+        """Return the structure for these flat rays, and those within ``slack_rad`` of them, the arrays that it points to
+        beside this object's, and the number of culled actors."""
+        candidates = [boxes.bounds.in_reach(rays, slack_rad) for boxes in self.actor_sets]
         pairs = [boxes.struct(some) for boxes, some in zip(self.actor_sets, candidates, strict=True)]
         actor_sets = (ActorSetStruct * len(pairs))(*(pair[0] for pair in pairs))
         referenced: list[Any] = [actor_sets, *(pair[1] for pair in pairs)]
@@ -158,17 +158,14 @@ class CompiledBackend:
 
     @property
     def observed(self) -> Observed:
-        """See `observed_space.Observing`."""
         return self.scene.header, self.scene.observed, self.scene.config.voxel_m
 
     def within(self, space: ObservedSpace, clip: bool) -> CompiledBackend:
-        """See `observed_space.Observing`."""
         other = copy.copy(self)
         other.space, other.clipped = space, clip
         return other
 
     def bind(self, state: WorldState) -> CompiledTracer:
-        """See `tracer.Backend`."""
         return CompiledTracer(self, state)
 
     def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
@@ -201,7 +198,6 @@ class CompiledTracer:
     def trace(
         self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats
     ) -> TraceResult[Array]:
-        """See `tracer.Tracer`."""
         order = tiled(rays.time_s.shape)
         # a list keeps its own order, and its parts need no copies
         listed, flat = rays.time_s.ndim < 2, rays.flat().sound()
@@ -311,12 +307,10 @@ class CompiledTracer:
     def image(
         self, traced: TraceResult[Array], directions: FloatArray, camera_id: str, shape: tuple[int, ...]
     ) -> Array:
-        """See `tracer.Tracer`."""
         cells = sound_directions(directions).reshape(*shape, 3)
 
         def decoded(scene: CompiledScene, feature: Array) -> Array:
-            code = scene.cameras.index(camera_id) if camera_id in scene.cameras else -1
-            return scene.decoder.image(feature.reshape(*shape, -1), cells, code)
+            return scene.decoder.image(feature.reshape(*shape, -1), cells, scene.camera_code(camera_id))
 
         rgb = decoded(self.scene, traced.feature if traced.without_foreign is None else traced.without_foreign)
         size = rgb.shape[0], rgb.shape[1]
@@ -329,7 +323,6 @@ class CompiledTracer:
         return rgb
 
     def returns(self, traced: TraceResult[Array], directions: FloatArray) -> tuple[Array, Array]:
-        """See `tracer.Tracer`."""
         directions = sound_directions(directions)
         intensity, logit = self.scene.decoder.returns(traced.feature, directions, traced.depth_m, traced.opacity)
         for i, foreign in enumerate(self._foreign):
@@ -341,7 +334,6 @@ class CompiledTracer:
         return intensity, sigmoid(logit) * (traced.opacity > 0.5)
 
     def heights(self, points: FloatArray) -> FloatArray:
-        """See `tracer.Tracer`."""
         return self.scene.height_above_ground(points)
 
 

@@ -136,16 +136,13 @@ class SurfelTracer:
     def image(
         self, traced: TraceResult[Array], directions: FloatArray, camera_id: str, shape: tuple[int, ...]
     ) -> Array:
-        """See `tracer.Tracer`."""
         gain = self.scene.exposures.at(camera_id, traced.feature[:, 3])
         return np.asarray(np.clip(traced.feature[:, :3] * gain, 0, 1).reshape(*shape, 3), np.float32)
 
     def returns(self, traced: TraceResult[Array], directions: FloatArray) -> tuple[Array, Array]:
-        """See `tracer.Tracer`."""
         return traced.feature[:, 0], traced.feature[:, 1]
 
     def heights(self, points: FloatArray) -> FloatArray:
-        """See `tracer.Tracer`."""
         return np.asarray(points[:, 2] - self.scene.ground.at(points))
 
     def _part(self, rays: Rays, passes: set[str], sky: bool, pixel_rad: float) -> tuple[Array, Array, Maps]:

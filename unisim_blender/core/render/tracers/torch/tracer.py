@@ -99,12 +99,10 @@ class TorchBackend:
 
     @property
     def observed(self) -> Observed:
-        """See `observed_space.Observing`."""
         model = self.scene.model
         return self.scene.header, model.observed.cpu().numpy(), model.config.voxel_m
 
     def within(self, space: ObservedSpace, clip: bool) -> TorchBackend:
-        """See `observed_space.Observing`."""
         other = copy.copy(self)
         other.space, other.clipped = space, clip
         if clip:
@@ -116,7 +114,6 @@ class TorchBackend:
         return other
 
     def bind(self, state: WorldState) -> TorchTracer:
-        """See `tracer.Backend`."""
         return TorchTracer(self, state)
 
     def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
@@ -219,7 +216,6 @@ class TorchTracer:
     def image(
         self, traced: TraceResult[Tensor], directions: FloatArray, camera_id: str, shape: tuple[int, ...]
     ) -> Array:
-        """See `tracer.Tracer`."""
         along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
 
         def decoded(network: SceneModel, feature: Tensor) -> Tensor:
@@ -244,7 +240,6 @@ class TorchTracer:
 
     @torch.no_grad()
     def returns(self, traced: TraceResult[Tensor], directions: FloatArray) -> tuple[Array, Array]:
-        """See `tracer.Tracer`."""
         along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
         intensity, logit = self.scene.model.lidar_head(traced.feature, along, traced.depth_m, traced.opacity)
         for i, actor_set in enumerate(self.tensors.foreign.values()):
@@ -258,7 +253,6 @@ class TorchTracer:
 
     @torch.no_grad()
     def heights(self, points: FloatArray) -> FloatArray:
-        """See `tracer.Tracer`."""
         local = self.scene.model.frame.points(self.scene.model.frame.recentred(points))
         return np.asarray((local[:, 2] - self.scene.model.ground.height(local)).cpu().numpy(), np.float64)
 

@@ -15,12 +15,11 @@ from ....world.drive import EGO, Actor
 from ...states import ActorState, FootprintArrays, Traffic, actor_footprint
 from ..follow import HARDEST_M_S2
 from ..lead import touching
-from ..model import ACCELERATION, COUNT, DURATION, LENGTH, SPEED, ActorMotion, Answer, Schema, register
+from ..model import Acceleration, ActorMotion, Answer, Count, Duration, Length, Speed, register
 from ..recording import Recording
 from .auto import Auto
 from .idm import FollowingMemory, RecordedMemory
 
-_COST: Schema = {"type": "number", "minimum": 0, "maximum": 1000}
 LONGITUDINAL = np.array([-1.0, -0.5, -0.25, 0.0, 0.25, 0.5, 1.0])
 LATERAL = np.array([-1.0, -0.6, -0.3, 0.0, 0.3, 0.6, 1.0])
 """The grid of accelerations, as parts of the largest ones."""
@@ -61,29 +60,17 @@ class Attack(Auto):
     """
 
     type = "attack"
-    members = {
-        **Auto.members,
-        "range_m": LENGTH,
-        "forecast_s": DURATION,
-        "decide_s": DURATION,
-        "best": COUNT,
-        "neighbour_cost_m": _COST,
-        "along_m_s2": ACCELERATION,
-        "across_m_s2": ACCELERATION,
-        "most_speed_m_s": SPEED,
-    }
 
-    range_m: float = 50.0
-    forecast_s: float = 3.0
-    decide_s: float = 0.5
-    best: int = 3
-    neighbour_cost_m: float = 0.1
-    along_m_s2: float = 4.0
-    across_m_s2: float = 3.0
-    most_speed_m_s: float = 25.0
+    range_m: Length = 50.0
+    forecast_s: Duration = 3.0
+    decide_s: Duration = 0.5
+    best: Count = 3
+    neighbour_cost_m: Length = 0.1
+    along_m_s2: Acceleration = 4.0
+    across_m_s2: Acceleration = 3.0
+    most_speed_m_s: Speed = 25.0
 
     def answer(self, actor: Actor, motion: ActorMotion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
-        """Return the state after a step, which may be the first one of the attack."""
         memory, state = motion.memory, motion.state
         if isinstance(memory, RecordedMemory | FollowingMemory) and self._begins(actor, memory, state, traffic):
             curvature = 0.0

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from ....world.drive import EGO, Actor
 from ...footprints import time_to_overlap
 from ...states import Footprint, Traffic
-from ..model import DURATION, LENGTH, ActorMotion, Answer, register
+from ..model import ActorMotion, Answer, Duration, Length, register
 from ..recording import Recording
-from .idm import DRIVER, Idm, RecordedMemory
+from .idm import Idm, RecordedMemory
 
 
 @register
@@ -23,10 +23,9 @@ class Auto(Idm):
     """
 
     type = "auto"
-    members = {**DRIVER, "departure_m": LENGTH, "horizon_s": DURATION}
 
-    departure_m: float = 1.0
-    horizon_s: float = 3.0
+    departure_m: Length = 1.0
+    horizon_s: Duration = 3.0
 
     def released(
         self, actor: Actor, motion: ActorMotion, memory: RecordedMemory, traffic: Traffic, time_us: int, step_us: int

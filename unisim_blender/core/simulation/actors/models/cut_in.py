@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from ....scenario.json_schema import SchemaOf
 from ....world.actor_path import ActorPath, joined
 from ....world.drive import EGO, Actor
 from ...states import ActorState, Footprint, Traffic
 from ..follow import PathProgress
-from ..model import DURATION, LENGTH, SPEED_DIFFERENCE, ActorMotion, Answer, register
+from ..model import ActorMotion, Answer, Duration, Length, register
 from ..recording import LANE_TURN_RAD, Recording
 from .auto import Auto
 from .idm import FollowingMemory, RecordedMemory
@@ -37,21 +39,13 @@ class CutIn(Auto):
     """
 
     type = "cut_in"
-    members = {
-        **Auto.members,
-        "cut_in_gap_m": LENGTH,
-        "cut_in_headway_s": DURATION,
-        "duration_s": DURATION,
-        "speed_difference_m_s": SPEED_DIFFERENCE,
-    }
 
-    cut_in_gap_m: float = 5.0
-    cut_in_headway_s: float = 2.0
-    duration_s: float = 3.0
-    speed_difference_m_s: float = -2.0
+    cut_in_gap_m: Length = 5.0
+    cut_in_headway_s: Duration = 2.0
+    duration_s: Duration = 3.0
+    speed_difference_m_s: Annotated[float, SchemaOf({"type": "number", "minimum": -100, "maximum": 100})] = -2.0
 
     def answer(self, actor: Actor, motion: ActorMotion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
-        """Return the state after a step, which may be the first one into the ego's lane."""
         memory = motion.memory
         if motion.state.present and isinstance(memory, RecordedMemory | FollowingMemory) and self._may_change(memory):
             if self._is_near(motion.state, traffic.ego) and self._is_time(

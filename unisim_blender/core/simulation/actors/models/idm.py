@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache
 
 from ....world.actor_path import ActorPath, joined
 from ....world.captures import US_PER_SECOND
@@ -12,18 +12,10 @@ from ....world.drive import Actor
 from ...states import ActorState, Traffic, actor_footprint
 from ..follow import IdmParameters, PathProgress, advanced, search_of
 from ..lead import Lead, touching
-from ..model import ACCELERATION, ActorMotion, Answer, Model, Pending, Schema, after, register
+from ..model import ActorMotion, Answer, Model, Pending, after, register
 from ..recording import Recording
 from .replay import Replay
 
-DRIVER: dict[str, Schema] = {
-    "headway_s": {"type": "number", "minimum": 0, "maximum": 20},
-    "gap_m": {"type": "number", "exclusiveMinimum": 0, "maximum": 100},
-    "acceleration_m_s2": ACCELERATION,
-    "braking_m_s2": ACCELERATION,
-    "exponent": {"type": "number", "minimum": 1, "maximum": 20},
-}
-"""Members of every model that follows by the Intelligent Driver Model."""
 SAME_M, SAME_TURN = 1e-6, 1 - 1e-12
 """An actor so near to a place is there: the second is the cosine of half an angle."""
 RETURN_M = 5.0
@@ -51,7 +43,7 @@ class FollowingMemory:
 
 @register
 @dataclass(frozen=True)
-class Idm(Model):
+class Idm(IdmParameters, Model):
     """Along its recorded path at the speed recorded there, behind whatever is in its way.
 
     It stands where and until when the recording stood. The defaults are nuPlan's. Beyond the path's end it goes straight on, or
@@ -59,28 +51,14 @@ class Idm(Model):
     """
 
     type = "idm"
-    members = DRIVER
-
-    headway_s: float = 1.5
-    gap_m: float = 1.0
-    acceleration_m_s2: float = 1.0
-    braking_m_s2: float = 2.0
-    exponent: float = 4.0
-
-    @cached_property
-    def driver(self) -> IdmParameters:
-        """The driver's parameters."""
-        return IdmParameters(self.headway_s, self.gap_m, self.acceleration_m_s2, self.braking_m_s2, self.exponent)
 
     def start(self, actor: Actor, world: Recording, time_us: int) -> ActorMotion:
-        """Return the recorded state."""
         if actor.uid in world.people:
             replayed = _replay().start(actor, world, time_us)
             return ActorMotion(replayed.state, RecordedMemory(world, people=replayed))
         return ActorMotion(world.state(actor.uid, time_us), RecordedMemory(world))
 
     def answer(self, actor: Actor, motion: ActorMotion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
-        """Return the state after a step by the driver model."""
         memory = motion.memory
         if isinstance(memory, FollowingMemory):
             return self.follow(actor, memory, time_us, step_us)
@@ -120,15 +98,15 @@ class Idm(Model):
     def follow(self, actor: Actor, memory: FollowingMemory, time_us: int, step_us: int) -> Answer:
         """Return the state after a step along the path, which depends on what is in the way there."""
         length, width, _ = actor.size_m.tolist()
-        driver, progress = self.driver, memory.progress
+        progress = memory.progress
         if progress.is_over:
             return ActorMotion(progress.state(), memory)
 
         def then(lead: Lead | None) -> ActorMotion:
-            after_step = advanced(progress, driver, lead, time_us, step_us)
+            after_step = advanced(progress, self, lead, time_us, step_us)
             return ActorMotion(after_step.state(), FollowingMemory(memory.world, after_step, memory.stage))
 
-        return Pending(search_of(progress, driver, (length, width), actor.uid), then)
+        return Pending(search_of(progress, self, (length, width), actor.uid), then)
 
 
 def begun(actor: Actor, path: ActorPath, state: ActorState, world: Recording, s_m: float) -> FollowingMemory:

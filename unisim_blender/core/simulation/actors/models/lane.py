@@ -20,10 +20,8 @@ class Lane(Auto):
     straight on."""
 
     type = "lane"
-    members = Auto.members
 
     def path_of(self, actor: Actor, world: Recording) -> ActorPath | None:
-        """Return the recorded path, continued."""
         return world.continued(actor.uid)
 
     def leaves(

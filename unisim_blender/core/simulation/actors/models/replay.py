@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Annotated
 
+from ....scenario.json_schema import SchemaOf
 from ....world.actor_path import ActorPath
 from ....world.captures import US_PER_SECOND
 from ....world.drive import Actor
@@ -38,12 +40,10 @@ class Replay(Model):
     """
 
     type = "replay"
-    members = {"gap_m": {"type": "number", "minimum": 0, "maximum": 100}}
 
-    gap_m: float = 0.5
+    gap_m: Annotated[float, SchemaOf({"type": "number", "minimum": 0, "maximum": 100})] = 0.5
 
     def start(self, actor: Actor, world: Recording, time_us: int) -> ActorMotion:
-        """Return the recorded state."""
         return ActorMotion(world.state(actor.uid, time_us), Walk(world))
 
     def answer(self, actor: Actor, motion: ActorMotion, traffic: Traffic, time_us: int, step_us: int) -> Answer:

@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
 from ....geometry import quaternion_from_yaw, quaternion_product
+from ....scenario.json_schema import Schema, SchemaOf, object_of
 from ....world.actor_path import ActorPath, joined, quintic
 from ....world.captures import US_PER_SECOND
 from ....world.drive import Actor
 from ...states import ActorState, Traffic
-from ..model import ActorMotion, Model, Schema, register
+from ..model import ActorMotion, Model, Speed, register
 from ..recording import Recording
 from .idm import RETURN_M
 
@@ -25,11 +27,12 @@ MOST_TURN_RAD = 0.5
 class ScriptedKey:
     """State that an actor has reached at a time: a speed, or how far left of its path it is, or both."""
 
-    time_s: float
-    speed_m_s: float | None = None
-    left_m: float | None = None
+    time_s: Annotated[float, SchemaOf({"type": "number", "minimum": -1e6, "maximum": 1e6})]
+    speed_m_s: Speed | None = None
+    left_m: Annotated[float, SchemaOf({"type": "number", "minimum": -100, "maximum": 100})] | None = None
 
 
+KEYS: Schema = {"type": "array", "items": object_of(ScriptedKey), "minItems": 1, "maxItems": 1000}
 TimedValues = tuple[tuple[float, float], ...]
 
 
@@ -47,18 +50,6 @@ class ScriptMemory:
     lefts: TimedValues
 
 
-_KEY: Schema = {
-    "type": "object",
-    "properties": {
-        "time_s": {"type": "number", "minimum": -1e6, "maximum": 1e6},
-        "speed_m_s": {"type": "number", "minimum": 0, "maximum": 100},
-        "left_m": {"type": "number", "minimum": -100, "maximum": 100},
-    },
-    "required": ["time_s"],
-    "additionalProperties": False,
-}
-
-
 @register
 @dataclass(frozen=True)
 class Scripted(Model):
@@ -69,12 +60,10 @@ class Scripted(Model):
     """
 
     type = "scripted"
-    members = {"keys": {"type": "array", "items": _KEY, "minItems": 1, "maxItems": 1000}}
 
-    keys: tuple[ScriptedKey, ...]
+    keys: Annotated[tuple[ScriptedKey, ...], SchemaOf(KEYS)]
 
     def check(self) -> None:
-        """Refuse keys out of order, and those that say nothing."""
         for index, key in enumerate(self.keys):
             if key.speed_m_s is None and key.left_m is None:
                 self.fail(f"keys[{index}]", "needs speed_m_s or left_m")
