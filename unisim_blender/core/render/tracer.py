@@ -33,7 +33,6 @@ class ActorSet:
 
     @property
     def uids(self) -> tuple[str, ...]:
-        """Their ids."""
         return tuple(actor.uid for actor in self.actors)
 
 
