@@ -234,8 +234,9 @@ def sweep_metrics(ranges: Mapping[str, BeamRanges]) -> dict[str, float] | None:
     sets = [both for both in ranges.values() if both.drops]
     if not sets:
         return None
-    recorded, simulated = (
-        np.concatenate([both.measured[kind][:, both.known] for both in sets], 1).astype(np.float32)
-        for kind in (RECORDED, SIMULATED)
+    depth, intensity, true_depth, true_intensity = (
+        np.concatenate([both.measured[kind][row][both.known] for both in sets]).astype(np.float32)
+        for kind in (SIMULATED, RECORDED)
+        for row in (0, 1)
     )
-    return lidar_metrics(*simulated, np.isfinite(simulated[0]), *recorded, np.isfinite(recorded[0]))
+    return lidar_metrics(depth, intensity, np.isfinite(depth), true_depth, true_intensity, np.isfinite(true_depth))
