@@ -31,7 +31,6 @@ class UNISIM_OT_shift_ego(Needing, bpy.types.Operator):
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Displace its whole trajectory."""
         vehicles = list(imported_objects(context.scene, "EGO"))
         for ego in vehicles:
             displaced_along(ego, (0.0, self.left_m, 0.0))
@@ -60,7 +59,6 @@ class UNISIM_OT_ego_body(Needing, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Make one body of all that is selected, and put it on the vehicle."""
         meshes = [obj for obj in chosen(context, "NONE") if not marked_above(obj) and any(parts(obj))]
         if not meshes:
             raise UnisimError(message("no selected object has a surface"))
@@ -88,14 +86,12 @@ class UNISIM_OT_release_ego_body(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """There has to be a body."""
         there = any(obj.unisim.kind == "BODY" for obj in context.scene.objects)
         return allowed(
             cls, object_mode(context), (there, "No mesh is the ego vehicle's body: Use as Ego Body makes one")
         )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Take them off the vehicle."""
         every = [obj for obj in context.scene.objects if obj.unisim.kind == "BODY"]
         released = [obj for obj in every if obj.select_get()] or every
         for obj in released:
@@ -113,7 +109,6 @@ class UNISIM_PT_ego(DrivePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the operators."""
         bodies = [obj.name for obj in context.scene.objects if obj.unisim.kind == "BODY"]
         column = self.layout.column(align=True)
         row_of(column, "Body", ", ".join(bodies), "AUTO")

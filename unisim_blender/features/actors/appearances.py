@@ -196,7 +196,6 @@ class _Chooses:
         self.appearance = uid if uid in items else items[0]
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the thumbnails."""
         draw_choice(self.layout, context, self, self.folder())
 
 
@@ -259,7 +258,6 @@ class UNISIM_OT_replace_appearance(Needing, _Chooses, bpy.types.Operator):
     appearance: EnumProperty(name="Appearance", description="Actor whose appearance is used", items=appearances)
 
     def folder(self) -> str:
-        """As the property has it."""
         return str(self.scene)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -276,7 +274,6 @@ class UNISIM_OT_replace_appearance(Needing, _Chooses, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Other boxes, their undersides where they were."""
         actors = choice_of(context, self.scene).actors
         actor = actors.get(self.appearance) if self.properties.is_property_set("appearance") else None
         if actor is None:
@@ -416,12 +413,10 @@ class UNISIM_OT_insert_actor(Needing, _Chooses, bpy.types.Operator):
     where: EnumProperty(name="Where", description="Location of the actor", items=PLACES)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the thumbnails, and where the actor goes."""
         super().draw(context)
         self.layout.prop(self, "where", text="")
 
     def folder(self) -> str:
-        """Of the file that was chosen."""
         return folder_of(self.filepath)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -438,7 +433,6 @@ class UNISIM_OT_insert_actor(Needing, _Chooses, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """A box that stands on the ground."""
         folder = self.folder()
         choice = choice_of(context, folder)
         vehicles = listed(choice, "CAR") or listed(choice, "ALL")
@@ -471,7 +465,6 @@ class UNISIM_OT_insert_from(Needing, bpy.types.Operator, ImportHelper):
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Show that scene's actors."""
         try:
             answer = bpy.ops.unisim.insert_actor("INVOKE_DEFAULT", filepath=self.filepath)
         except RuntimeError as fault:  # what the operator reports

@@ -41,7 +41,6 @@ class UNISIM_OT_make_library(InSteps, Needing, bpy.types.Operator):
     filter_glob: StringProperty(default="*.blend", options={"HIDDEN"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the file."""
         return self.ask_for_path(context)
 
     def work(self, context: bpy.types.Context) -> Iterator[str | None]:

@@ -41,7 +41,6 @@ class UNISIM_OT_duplicate_actor(Needing, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Copy each and put the copy where it was asked for."""
         sources, copies, recorded = chosen(context, "ACTOR"), [], source_of(context.scene).drive
         for source in sources:
             copy = copy_of(context, source)
@@ -65,7 +64,6 @@ class UNISIM_OT_delete_actor(Needing, bpy.types.Operator):
     needs = (object_mode, selected("Select an actor or a static item first", "ACTOR", "STATIC"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """As X does."""
         gone = chosen(context, "ACTOR", "STATIC")
         for obj in gone:
             for part in obj.children_recursive if obj.unisim.mesh else ():
@@ -129,12 +127,10 @@ class UNISIM_OT_release_mesh(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """A mesh that is an actor has to be selected."""
         meshes = any(obj.unisim.mesh for obj in chosen(context, "ACTOR"))
         return allowed(cls, object_mode(context), (meshes, "Select a mesh actor first"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Take the mark away."""
         for obj in chosen(context, "ACTOR"):
             if obj.unisim.mesh:
                 obj.unisim.kind, obj.unisim.mesh = "NONE", False
@@ -158,7 +154,6 @@ class UNISIM_OT_mark_static(Needing, bpy.types.Operator):
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Take the mesh's place, or the cursor's."""
         active = context.active_object
         if active is not None and active.select_get() and active.type == "MESH" and active.unisim.kind == "NONE":
             corners = np.array(active.bound_box)
@@ -203,7 +198,6 @@ class UNISIM_OT_forget_static(Needing, bpy.types.Operator):
     needs = (object_mode, selected("Select a static item first", "STATIC"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """With all copies of each."""
         for uid in {obj.unisim.uid for obj in chosen(context, "STATIC")}:
             forget_static(context.scene, uid)
         return {"FINISHED"}

@@ -40,7 +40,6 @@ class _OfEdit(Needing):
 
     @reporting
     def execute(self: Any, context: bpy.types.Context) -> set[str]:
-        """Find the line and do it; the list is read again."""
         self.do(context, self.line(context))
         return {"FINISHED"}
 
@@ -66,7 +65,6 @@ class UNISIM_OT_go_to_edit(_OfEdit, bpy.types.Operator):
         return tooltip(str(cls.__doc__))
 
     def do(self, context: bpy.types.Context, line: EditLine) -> None:
-        """Jump."""
         scene = context.scene
         frame = nearest_frame(line.frames, scene.frame_current)
         if frame != scene.frame_current:
@@ -110,13 +108,11 @@ class UNISIM_OT_mute_edit(_OfEdit, bpy.types.Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
-        """Say which of the two it does."""
         if properties.muted >= 0:
             return tooltip("Let the edit count again; an edit of the same object that cannot stand beside it is muted")
         return tooltip("Mute the edit: it stays in the file and counts in no image, sweep or scenario")
 
     def do(self, context: bpy.types.Context, line: EditLine) -> None:
-        """Mute or unmute it."""
         scene = context.scene
         if line.muted < 0:
             mute(scene, source_of(scene), line)

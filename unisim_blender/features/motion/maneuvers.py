@@ -139,7 +139,6 @@ class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
-        """Return the tooltip of a maneuver."""
         return KINDS[properties.kind].about
 
     def settings(self, **given: Any) -> dict[str, Any]:
@@ -153,7 +152,6 @@ class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
         return values
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the numbers of the maneuver."""
         draw_split(self)
         for name in self.settings():
             if name == "first_s":
@@ -376,11 +374,9 @@ class UNISIM_OT_drag_maneuver(Needing, Dragged, bpy.types.Operator):
             self.before.apply(self.values)
 
     def restore(self) -> None:
-        """Do the maneuver as it was."""
         self.before.apply(self.values)
 
     def said(self, context: bpy.types.Context) -> str:
-        """Return what it does."""
         note = ManeuverNote.of(self.subject(context).unisim.maneuvers)
         assert note is not None  # it was just noted
         return self.fault or series([self.subject(context).name, maneuver_words(note.edits(self.before.uid)[-1])], ": ")
@@ -394,12 +390,10 @@ class UNISIM_GGT_maneuver(Handles, bpy.types.GizmoGroup):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """An actor with a maneuver has to be active and selected."""
         obj = context.active_object
         return bool(are_shown(context) and obj is not None and obj.unisim.maneuvers and obj.select_get())
 
     def places(self, context: bpy.types.Context) -> Iterator[tuple[FloatArray, dict[str, Any]]]:
-        """Yield the places above the actor."""
         obj, recorded = context.active_object, drive_of(context.scene)
         if obj is not None and recorded is not None:
             yield from ((place, {"number": name}) for name, place in maneuver_handles(obj, Clock.of(recorded)))

@@ -96,7 +96,6 @@ class UNISIM_OT_follow_curve(FromTime, Braking, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Actors and one curve have to be selected."""
         curves = [obj for obj in context.selected_objects if obj.type == "CURVE"]
         curve = len(curves) == 1, "Select one curve in addition to the actors (Add > Curve)"
         return allowed(cls, object_mode(context), selected("Select an actor first", "ACTOR")(context), curve)
@@ -192,7 +191,6 @@ class UNISIM_OT_retime_actor(FromTime, Braking, Needing, bpy.types.Operator):
     last_s: in_seconds("To", "End time, in seconds of the log", 2.0)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Show what the chosen mode needs, in seconds and in frames."""
         self.layout.prop(self, "mode")
         for name in NEEDED[self.mode]:
             self.layout.prop(self, name)
@@ -210,7 +208,6 @@ class UNISIM_OT_retime_actor(FromTime, Braking, Needing, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Move keys."""
         drive, actors = source_of(context.scene).drive, chosen(context, "ACTOR")
         clock = Clock.of(drive)
         self.start_at(context.scene, clock)
@@ -278,7 +275,6 @@ class UNISIM_OT_shift_actor(Needing, bpy.types.Operator):
     )  # fmt: skip
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the three amounts, and how many frames the seconds are."""
         draw_split(self, "left_m", "ahead_m", "later_s")
         drive = drive_of(context.scene)
         if drive is not None:
@@ -286,7 +282,6 @@ class UNISIM_OT_shift_actor(Needing, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Shift each and report what was done."""
         drive = source_of(context.scene).drive
         actors = chosen(context, "ACTOR")
         said = [sentence for obj in actors if (sentence := shift(obj, self.left_m, self.ahead_m, self.later_s, drive))]

@@ -163,7 +163,6 @@ class PlacesRow(Needing):
         return Row(obj.unisim.uid, self.id, **metres_of, count=count, along=along, path=path)
 
     def without(self: Any, context: bpy.types.Context) -> set[str]:
-        """Say what is needed."""
         raise UnisimError(message("select a car or another actor that stands"))
 
 
@@ -294,14 +293,12 @@ class UNISIM_OT_drag_row(Needing, Dragged, bpy.types.Operator):
         self.origin = ends(context)[self.is_end]
 
     def follow(self, context: bpy.types.Context, pressed: FloatArray, mouse: FloatArray, in_steps: bool) -> None:
-        """Set the end to where the mouse moved it on the ground."""
         moved = self.dragged(context, pressed, mouse)
         if moved is not None:
             gone, left, _ = self.course.nearest(self.origin + moved)
             self.at_m = [stepped(gone, STEP_M, in_steps), stepped(left, STEP_M, in_steps)]
 
     def apply(self, context: bpy.types.Context) -> None:
-        """Arrange the row between its ends."""
         gone, left = (round(value, 3) for value in self.at_m)
         row = self.before
         end_left_m = row.left_m if row.end_left_m is None else row.end_left_m
@@ -321,14 +318,12 @@ class UNISIM_OT_drag_row(Needing, Dragged, bpy.types.Operator):
         """Nothing is put back between two places of the mouse."""
 
     def put_back(self, context: bpy.types.Context) -> set[str]:
-        """Put the row back where it stood."""
         if self.moved:
             self.arrange(context, self.before)
         self.let_go(context)
         return {"CANCELLED"}
 
     def said(self, context: bpy.types.Context) -> str:
-        """Return how the row stands."""
         return row_words(self.now, len(members(context.scene, self.now)))
 
 
@@ -356,10 +351,8 @@ class UNISIM_GGT_row(Handles, bpy.types.GizmoGroup):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """An actor of a row has to be active and selected."""
         return bool(are_shown(context) and in_row(context)[0] and context.active_object.select_get())
 
     def places(self, context: bpy.types.Context) -> Iterator[tuple[FloatArray, dict[str, Any]]]:
-        """Yield the places of both ends."""
         if in_row(context)[0]:
             yield from ((place, {"is_end": bool(is_end)}) for is_end, place in enumerate(ends(context)))

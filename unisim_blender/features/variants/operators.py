@@ -115,13 +115,11 @@ class _Named(Needing):
     name: StringProperty(name="Name", description="Name of the variant", options={"SKIP_SAVE"})
 
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the name."""
         self.name = self.name or self.proposed(context)
         return context.window_manager.invoke_props_dialog(self)
 
     @reporting
     def execute(self: Any, context: bpy.types.Context) -> set[str]:
-        """Do it; what cannot be is reported."""
         self.do(context, self.name or self.proposed(context))
         return {"FINISHED"}
 
@@ -133,11 +131,9 @@ class UNISIM_OT_new_variant(_Named, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     def proposed(self, context: bpy.types.Context) -> str:
-        """The next free name."""
         return free_variant_name(FIRST, bpy.data.scenes)
 
     def do(self, context: bpy.types.Context, name: str) -> None:
-        """Copy the scene."""
         variant = new_variant(context.window, context.scene, name)
         self.report({"INFO"}, message("{name} is shown now; edits here do not change the others", name=variant.name))
 
@@ -149,11 +145,9 @@ class UNISIM_OT_rename_variant(_Named, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     def proposed(self, context: bpy.types.Context) -> str:
-        """The name that it has."""
         return context.scene.name
 
     def do(self, context: bpy.types.Context, name: str) -> None:
-        """Rename the scene."""
         manager, before = context.window_manager, context.scene.name
         rename_variant(context.scene, name)
         if manager.unisim_compared == before:
@@ -172,13 +166,11 @@ class UNISIM_OT_delete_variant(Needing, bpy.types.Operator):
     )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask first."""
         question = message("Delete {name} with its objects and keyframes?", name=context.scene.name)
         return context.window_manager.invoke_confirm(self, event, message=question)
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Delete it."""
         name = context.scene.name
         now = delete_variant(context.scene)
         mark_all()
@@ -198,7 +190,6 @@ class UNISIM_OT_show_variant(Needing, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Change the window's scene."""
         scene = bpy.data.scenes.get(self.name)
         if scene is None:
             raise UnisimError(message("{name}: there is no such variant any more", name=self.name))
@@ -260,7 +251,6 @@ class UNISIM_OT_render_variants(Needing, AtOnce, ReadsScenes, bpy.types.Operator
     needs = (drive, variant_marked, nothing_runs)
 
     def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
-        """Read and write each scenario, then start."""
         root = output_folder(context.scene)
         names, parts = file_names(scene.name for scene in variants_of(context.scene)), []
         for scene in marked_variants(context.scene):

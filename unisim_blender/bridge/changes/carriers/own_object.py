@@ -39,7 +39,6 @@ class ObjectCarrier(Carrier):
         refresh([])
 
     def unmute(self, scene: bpy.types.Scene, source: DriveSource, muted: Muted, now: bpy.types.Object | None) -> None:
-        """Put the object where it stood."""
         assert muted.parked is not None
         for part in with_parts(muted.parked):
             (muted.collection or collection_of(scene, muted.kind)).objects.link(part)
@@ -47,7 +46,6 @@ class ObjectCarrier(Carrier):
         refresh([muted.parked])
 
     def revert(self, scene: bpy.types.Scene, source: DriveSource, line: EditLine, obj: bpy.types.Object | None) -> None:
-        """Delete the object."""
         assert obj is not None
         delete(scene, obj)
 

@@ -32,7 +32,6 @@ class PlaceCarrier(Carrier):
     name = "place"
 
     def apply(self, obj: bpy.types.Object, edited: Edited) -> None:
-        """Let the object go where the actor goes."""
         go(obj, edited.actor, edited.drive, edited.clock)
 
     def mute(
