@@ -27,7 +27,7 @@ from ..editing.texts import UPPER, Text, cased, packed, unpacked
 from ..translations import interface, localized, message
 from .drive.export_operators import sampled_in_steps
 from .motion.properties import limits_of
-from .operator_bases import AtOnce, Needing, in_thread
+from .operator_bases import AtOnce, Editing, in_thread
 from .problems import draw_problem
 from .sidebar import DrivePanel
 
@@ -81,11 +81,10 @@ def findings_of(sampled: Sampled, drive: Drive, limits: Limits, is_trained: bool
     return [*lacking, *warnings_of(readable, drive, limits, is_trained)]
 
 
-class UNISIM_OT_check(Needing, AtOnce, bpy.types.Operator):
+class UNISIM_OT_check(Editing, AtOnce, bpy.types.Operator):
     """List implausible edits: overlaps, sideways or too fast cars, actors off the ground, far or unseen camera views"""
 
     bl_label = "Check Edits"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (drive,)
 
     def finished(self, context: bpy.types.Context) -> None:

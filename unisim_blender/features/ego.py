@@ -1,34 +1,27 @@
 """The ego vehicle: its trajectory displaced, and ordinary objects as its body."""
 
 import bpy
-from bpy.props import EnumProperty, FloatProperty, StringProperty
+from bpy.props import EnumProperty, StringProperty
 
 from ..bridge.changes.motion import displaced_along
 from ..bridge.objects.ego_bodies import make_body, release_body
 from ..bridge.objects.imported import imported_objects
-from ..bridge.objects.meshes import parts
-from ..bridge.window import allowed, choose, chosen, object_mode, refresh, selected, vehicle
+from ..bridge.window import Need, choose, object_mode, refresh, selected, vehicle
 from ..core.errors import UnisimError
 from ..core.scenario.edits.ego_body import DEFAULT_LABEL
 from ..translations import message
-from .actors.operators import DIRECTIONS, marked_above
-from .operator_bases import Needing, reporting
+from .actors.operators import DIRECTIONS, selected_meshes
+from .operator_bases import Editing, in_metres, reporting
 from .sidebar import DrivePanel, row_of
 
 
-class UNISIM_OT_shift_ego(Needing, bpy.types.Operator):
+class UNISIM_OT_shift_ego(Editing, bpy.types.Operator):
     """Displace the trajectory of the ego vehicle and its sensors to the left or right"""
 
     bl_label = "Shift Ego Lane"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle)
 
-    left_m: FloatProperty(
-        name="Left",
-        description="Displacement to the left; negative values displace to the right",
-        default=1.0,
-        unit="LENGTH",
-    )
+    left_m: in_metres("Left", "Displacement to the left; negative values displace to the right", 1.0, once=False)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         vehicles = list(imported_objects(context.scene, "EGO"))
@@ -44,11 +37,10 @@ PLACES = (
 )
 
 
-class UNISIM_OT_ego_body(Needing, bpy.types.Operator):
+class UNISIM_OT_ego_body(Editing, bpy.types.Operator):
     """Use the selected mesh objects and their children as the body of the ego vehicle, which sensors on it do not see"""
 
     bl_label = "Use as Ego Body"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle, selected("Select a mesh object that is not part of the drive yet", "NONE"))
 
     place: EnumProperty(name="Place", description="Where the body goes", items=PLACES)
@@ -59,9 +51,7 @@ class UNISIM_OT_ego_body(Needing, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        meshes = [obj for obj in chosen(context, "NONE") if not marked_above(obj) and any(parts(obj))]
-        if not meshes:
-            raise UnisimError(message("no selected object has a surface"))
+        meshes = selected_meshes(context)
         moving = next((obj for obj in meshes if obj.animation_data is not None or obj.constraints), None)
         if moving is not None:
             raise UnisimError(
@@ -78,21 +68,25 @@ class UNISIM_OT_ego_body(Needing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_release_ego_body(bpy.types.Operator):
+def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Return the bodies of the ego vehicle."""
+    return list(imported_objects(scene, "BODY"))
+
+
+def ego_body(context: bpy.types.Context) -> Need:
+    """The ego vehicle has a body."""
+    return bodies_of(context.scene), "No mesh is the ego vehicle's body: Use as Ego Body makes one"
+
+
+class UNISIM_OT_release_ego_body(Editing, bpy.types.Operator):
     """Turn the selected ego bodies, or all if none is selected, back into ordinary objects, which no sensor sees"""
 
     bl_label = "Release Ego Body"
-    bl_options = {"REGISTER", "UNDO"}
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        there = any(obj.unisim.kind == "BODY" for obj in context.scene.objects)
-        return allowed(
-            cls, object_mode(context), (there, "No mesh is the ego vehicle's body: Use as Ego Body makes one")
-        )
+    needs = (object_mode, ego_body)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        every = [obj for obj in context.scene.objects if obj.unisim.kind == "BODY"]
+        every = bodies_of(context.scene)
         released = [obj for obj in every if obj.select_get()] or every
         for obj in released:
             release_body(obj)
@@ -109,9 +103,8 @@ class UNISIM_PT_ego(DrivePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        bodies = [obj.name for obj in context.scene.objects if obj.unisim.kind == "BODY"]
         column = self.layout.column(align=True)
-        row_of(column, "Body", ", ".join(bodies), "AUTO")
+        row_of(column, "Body", ", ".join(obj.name for obj in bodies_of(context.scene)), "AUTO")
         column.operator("unisim.ego_body", icon="MESH_MONKEY")
         column.operator("unisim.release_ego_body", icon="X")
         self.layout.operator("unisim.shift_ego", icon="ARROW_LEFTRIGHT")

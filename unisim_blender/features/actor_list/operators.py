@@ -14,7 +14,7 @@ from ...editing.actors.table import ActorFilter, nearest_present
 from ...editing.sampled.clock import Clock
 from ...editing.texts import translatable
 from ...translations import message
-from ..operator_bases import Needing
+from ..operator_bases import Editing, Needing
 from ..sidebar import switch_of
 from . import listing
 
@@ -219,11 +219,10 @@ class UNISIM_OT_clear_actor_filter(Needing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_select_listed(Needing, bpy.types.Operator):
+class UNISIM_OT_select_listed(Editing, bpy.types.Operator):
     """Select all actors that are listed and visible in the view"""
 
     bl_label = "Select Listed"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (
         object_mode,
         drive,

@@ -35,7 +35,7 @@ from ...editing.motion.retiming import Retiming
 from ...editing.sampled.clock import Clock, recorded_poses
 from ...translations import interface, message
 from ..actor_list.operators import GROUPS
-from ..operator_bases import Needing, reporting
+from ..operator_bases import Editing, Needing, reporting
 from ..problems import draw_problem, fail
 from . import thumbnails
 
@@ -240,11 +240,10 @@ def trained(context: bpy.types.Context) -> Need:
     return bool(context.scene.unisim.scene), "Import or train a trained scene first"
 
 
-class UNISIM_OT_replace_appearance(Needing, _Chooses, bpy.types.Operator):
+class UNISIM_OT_replace_appearance(Editing, _Chooses, bpy.types.Operator):
     """Replace the appearance and the box of the selected actors by those of another actor, on the same trajectory"""
 
     bl_label = "Replace Appearance"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor first", "ACTOR"), no_mesh)
 
     scene: StringProperty(
@@ -296,11 +295,10 @@ SLOW_GROUPS = ("PERSON", "CYCLE")
 """Classes that a vehicle's speed is too much for."""
 
 
-class UNISIM_OT_swap_class(Needing, bpy.types.Operator):
+class UNISIM_OT_swap_class(Editing, bpy.types.Operator):
     """Replace the selected actors by those of a class that are most like them in size, on their paths, at its speeds"""
 
     bl_label = "Swap Class"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor first", "ACTOR"), no_mesh)
 
     group: EnumProperty(name="Class", description="Class of the new actor", items=GROUPS[1:])
@@ -390,11 +388,10 @@ def cursor_rotation(scene: bpy.types.Scene) -> Quaternion:
     return Quaternion(UP, heading_along(np.array(scene.cursor.location), paths))
 
 
-class UNISIM_OT_insert_actor(Needing, _Chooses, bpy.types.Operator):
+class UNISIM_OT_insert_actor(Editing, _Chooses, bpy.types.Operator):
     """Insert an actor of the drive or of a trained scene in front of the ego vehicle, or at the 3D cursor"""
 
     bl_label = "Insert Actor"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, drive)
 
     filepath: StringProperty(

@@ -2,18 +2,18 @@
 
 import bpy
 import numpy as np
-from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
+from bpy.props import EnumProperty, FloatVectorProperty, StringProperty
 
 from ...bridge.changes.motion import displaced_beside, moved_to
 from ...bridge.objects.imported import copy_of, forget_static, mark_static, source_of
 from ...bridge.objects.meshes import make_actor, parts, size_of
 from ...bridge.objects.trajectories import remove
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.window import allowed, choose, chosen, drive, object_mode, refresh, selected
+from ...bridge.window import Need, choose, chosen, drive, object_mode, refresh, selected
 from ...core.errors import UnisimError
 from ...editing.sampled.scene import rigid
 from ...translations import message
-from ..operator_bases import Needing, reporting
+from ..operator_bases import Editing, in_metres, reporting
 
 LANE_M = 3.5
 GAP_M = 0.6
@@ -27,17 +27,14 @@ PLACES = (
 )
 
 
-class UNISIM_OT_duplicate_actor(Needing, bpy.types.Operator):
+class UNISIM_OT_duplicate_actor(Editing, bpy.types.Operator):
     """Duplicate the selected actors with their trajectories"""
 
     bl_label = "Duplicate Actor"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor first", "ACTOR"))
 
     where: EnumProperty(name="Where", description="Location of the copies", items=PLACES, default="LANE_LEFT")
-    lane_m: FloatProperty(
-        name="Lane width", description="Distance to the next lane", default=LANE_M, min=0.5, soft_max=6.0, unit="LENGTH"
-    )
+    lane_m: in_metres("Lane width", "Distance to the next lane", LANE_M, once=False, min=0.5, soft_max=6.0)
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -56,11 +53,10 @@ class UNISIM_OT_duplicate_actor(Needing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_delete_actor(Needing, bpy.types.Operator):
+class UNISIM_OT_delete_actor(Editing, bpy.types.Operator):
     """Delete the selected actors and static items from all images and sweeps"""
 
     bl_label = "Delete Actor"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor or a static item first", "ACTOR", "STATIC"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -92,11 +88,19 @@ def marked_above(obj: bpy.types.Object) -> bool:
     return False
 
 
-class UNISIM_OT_mesh_actor(Needing, bpy.types.Operator):
+def selected_meshes(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """Return the selected mesh objects that are no part of the drive or of another one. Raises `UnisimError` where there
+    is none."""
+    meshes = [obj for obj in chosen(context, "NONE") if not marked_above(obj) and any(parts(obj))]
+    if not meshes:
+        raise UnisimError(message("no selected object has a surface"))
+    return meshes
+
+
+class UNISIM_OT_mesh_actor(Editing, bpy.types.Operator):
     """Use the selected mesh objects and their children as actors, which cameras and LiDARs see"""
 
     bl_label = "Use Mesh as Actor"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, drive, selected("Select a mesh object that is not part of the drive yet", "NONE"))
 
     label: StringProperty(
@@ -109,9 +113,7 @@ class UNISIM_OT_mesh_actor(Needing, bpy.types.Operator):
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Mark each; its origin goes to its middle, its scale into its mesh."""
-        meshes = [obj for obj in chosen(context, "NONE") if not marked_above(obj) and any(parts(obj))]
-        if not meshes:
-            raise UnisimError(message("no selected object has a surface"))
+        meshes = selected_meshes(context)
         for obj in meshes:
             make_actor(obj, self.label or "Other", self.forward)
         choose(context, *meshes)
@@ -119,16 +121,17 @@ class UNISIM_OT_mesh_actor(Needing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_release_mesh(bpy.types.Operator):
+def mesh_actor(context: bpy.types.Context) -> Need:
+    """A mesh that is an actor is selected."""
+    return any(obj.unisim.mesh for obj in chosen(context, "ACTOR")), "Select a mesh actor first"
+
+
+class UNISIM_OT_release_mesh(Editing, bpy.types.Operator):
     """Turn the selected mesh actors back into ordinary objects, which no sensor sees"""
 
     bl_label = "Release Mesh Actor"
-    bl_options = {"REGISTER", "UNDO"}
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        meshes = any(obj.unisim.mesh for obj in chosen(context, "ACTOR"))
-        return allowed(cls, object_mode(context), (meshes, "Select a mesh actor first"))
+    needs = (object_mode, mesh_actor)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         for obj in chosen(context, "ACTOR"):
@@ -137,11 +140,10 @@ class UNISIM_OT_release_mesh(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_mark_static(Needing, bpy.types.Operator):
+class UNISIM_OT_mark_static(Editing, bpy.types.Operator):
     """Mark a static item: the bounding box of the selected active mesh, or a new box at the 3D cursor"""
 
     bl_label = "Mark Static Item"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, drive)
 
     size_m: FloatVectorProperty(
@@ -171,11 +173,10 @@ class UNISIM_OT_mark_static(Needing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_copy_static(Needing, bpy.types.Operator):
+class UNISIM_OT_copy_static(Editing, bpy.types.Operator):
     """Copy the selected static items to the 3D cursor"""
 
     bl_label = "Copy Static Item"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select a static item first", "STATIC"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -190,11 +191,10 @@ class UNISIM_OT_copy_static(Needing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_forget_static(Needing, bpy.types.Operator):
+class UNISIM_OT_forget_static(Editing, bpy.types.Operator):
     """Remove the marks of the selected static items; the scene itself stays unchanged"""
 
     bl_label = "Unmark Static Item"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select a static item first", "STATIC"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:

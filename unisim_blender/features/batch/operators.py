@@ -29,7 +29,7 @@ from ...process.background import launch
 from ...process.tasks import Task
 from ...translations import localized, message
 from ..drive.export_operators import scenario_of
-from ..operator_bases import Needing, in_thread, nothing_runs
+from ..operator_bases import Editing, Needing, in_thread, nothing_runs
 from ..output.operators import sensor_options, width_options
 from ..problems import fail
 from ..simulation.operators import Simulates
@@ -169,11 +169,10 @@ def field_items(self: bpy.types.Operator, context: bpy.types.Context) -> list[tu
     return _items or [("", "None", "")]
 
 
-class UNISIM_OT_add_parameter(Needing, bpy.types.Operator):
+class UNISIM_OT_add_parameter(Editing, bpy.types.Operator):
     """Add a parameter: a field of the scenario that the batch fills with several values"""
 
     bl_label = "Add Parameter"
-    bl_options = {"REGISTER", "UNDO"}
     bl_property = "at"
     needs = (drive,)
 

@@ -23,7 +23,7 @@ from ...editing.sampled.source import DriveSource
 from ...editing.simulation.continued import as_driven, open_driven
 from ...editing.simulation.rollouts import SCENARIO
 from ...translations import message
-from ..operator_bases import InSteps, Needing, in_thread
+from ..operator_bases import Editing, InSteps, Needing, in_thread
 
 
 @dataclass(frozen=True)
@@ -148,11 +148,10 @@ class UNISIM_OT_export_scenario(Needing, ReadsScenes, bpy.types.Operator, Export
         )
 
 
-class UNISIM_OT_use_frame_range(Needing, bpy.types.Operator):
+class UNISIM_OT_use_frame_range(Editing, bpy.types.Operator):
     """Render and export the frame range of the scene in place of the frames or times that the imported scenario states"""
 
     bl_label = "Use Frame Range"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (
         drive,
         lambda context: (captures_stated(context.scene), "The frame range is what is rendered already"),

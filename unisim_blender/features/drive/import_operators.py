@@ -49,7 +49,7 @@ from ...editing.texts import counted, series, translatable
 from ...preferences import default_folder
 from ...translations import interface, localized, message
 from ...viewport.view_types import follow_soon
-from ..operator_bases import InSteps, Needing, in_thread
+from ..operator_bases import Editing, InSteps, Needing, in_thread
 from ..problems import fail
 from ..sidebar import Sidebar, settings_column
 
@@ -510,11 +510,10 @@ class UNISIM_OT_import_sensors(Needing, bpy.types.Operator):
         return handed_on(self, lambda: import_recognised(chosen, parts))
 
 
-class UNISIM_OT_locate_log(Needing, InSteps, bpy.types.Operator):
+class UNISIM_OT_locate_log(Editing, InSteps, bpy.types.Operator):
     """Choose the folder in which the log of this drive lies now"""
 
     bl_label = "Choose Folder of the Log"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (drive,)
 
     directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
@@ -537,11 +536,10 @@ class UNISIM_OT_locate_log(Needing, InSteps, bpy.types.Operator):
                 other.unisim.log = str(source.log_path)
 
 
-class UNISIM_OT_recorded_colours(Needing, bpy.types.Operator):
+class UNISIM_OT_recorded_colours(Editing, bpy.types.Operator):
     """Show colours as recorded: view transform Standard, look None, exposure 0, gamma 1"""
 
     bl_label = "Show Colours as Recorded"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (lambda context: (not recorded_colours(context.scene), "Colours are already shown as recorded"),)
 
     def execute(self, context: bpy.types.Context) -> set[str]:

@@ -21,7 +21,7 @@ from ...bridge.changes.motion import displaced_along, respeeded
 from ...bridge.objects.imported import class_of, drive_of, imported_objects, source_of
 from ...bridge.objects.sensors import aim, base_of, direction_of, is_keyed
 from ...bridge.objects.trajectories import keyed_pose, own_trajectory, trajectory_of
-from ...bridge.window import Need, allowed, object_mode, refresh, vehicle
+from ...bridge.window import Need, object_mode, refresh, vehicle
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
 from ...editing.edits.lines import metres
@@ -34,7 +34,7 @@ from ...editing.sampled.clock import Clock
 from ...editing.sensors.mounts import angles
 from ...editing.texts import Text, kmh, series, translatable
 from ...translations import interface, localized, message, tooltip
-from ..operator_bases import Needing, in_m_s, in_metres, in_seconds
+from ..operator_bases import Editing, Needing, in_m_s, in_metres, in_seconds
 from ..problems import fail
 from .overlay import Grip, graph_place, grips
 from .properties import graph_of, limits_of
@@ -66,6 +66,13 @@ def active_sensor(context: bpy.types.Context) -> Need:
     """A camera or a LiDAR of the drive is active."""
     obj = context.active_object
     return obj is not None and obj.unisim.kind in ("CAMERA", "LIDAR"), "Make a camera or a LiDAR active first"
+
+
+def turns_freely(context: bpy.types.Context) -> Need:
+    """The active object's rotation has no keys."""
+    obj = context.active_object
+    free = obj is None or not is_keyed(obj)
+    return free, "Keyframes rotate this sensor: edit them in the Graph Editor, or delete them"
 
 
 class Dragged:
@@ -306,7 +313,7 @@ class UNISIM_OT_drag_speed(Needing, Dragged, bpy.types.Operator):
         return series([self.subject(context).name, series(words)], ": ")
 
 
-class _Aimed:
+class _Aimed(Needing):
     """Yaw and pitch of a sensor in the vehicle's axes."""
 
     yaw_deg: FloatProperty(
@@ -314,16 +321,7 @@ class _Aimed:
     )
     pitch_deg: FloatProperty(name="Pitch", description="Degrees up", soft_min=-89, soft_max=89)
 
-    @classmethod
-    def poll(cls: Any, context: bpy.types.Context) -> bool:
-        obj = context.active_object
-        free = obj is None or not is_keyed(obj)
-        return allowed(
-            cls,
-            object_mode(context),
-            active_sensor(context),
-            (free, "Keyframes rotate this sensor: edit them in the Graph Editor, or delete them"),
-        )
+    needs = (object_mode, active_sensor, turns_freely)
 
     def apply(self: Any, context: bpy.types.Context) -> None:
         aim(context.active_object, np.radians(self.yaw_deg), np.radians(self.pitch_deg))
@@ -334,11 +332,10 @@ class _Aimed:
         return Text("{name}: looks {yaw}, {pitch}", name=context.active_object.name, yaw=yaw, pitch=pitch)
 
 
-class UNISIM_OT_aim_sensor(_Aimed, bpy.types.Operator):
+class UNISIM_OT_aim_sensor(_Aimed, Editing, bpy.types.Operator):
     """Turn the active camera or LiDAR on its mount, by yaw and pitch from the vehicle's axis"""
 
     bl_label = "Aim Sensor"
-    bl_options = {"REGISTER", "UNDO"}
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         self.yaw_deg, self.pitch_deg = np.degrees(direction_of(context.active_object))

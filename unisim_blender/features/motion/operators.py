@@ -11,7 +11,7 @@ from ...bridge.changes.motion import displaced_along, follow, respeeded, retimed
 from ...bridge.objects.imported import class_of, drive_of, source_of
 from ...bridge.objects.meshes import size_of
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.window import allowed, chosen, counted_names, object_mode, refresh, selected
+from ...bridge.window import Need, chosen, counted_names, object_mode, refresh, selected
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
 from ...core.world.drive import Drive
@@ -22,7 +22,7 @@ from ...editing.motion.retiming import Retiming, followed, followed_briefly, lat
 from ...editing.sampled.clock import Clock
 from ...editing.texts import UPPER, cased, series
 from ...translations import localized, message
-from ..operator_bases import Needing, draw_split, in_m_s, in_m_s2, in_metres, in_seconds, reporting
+from ..operator_bases import Editing, draw_split, in_m_s, in_m_s2, in_metres, in_seconds, reporting
 
 BRAKING = (
     ("COMFORTABLE", "Comfortable", "As actors of this class brake ordinarily"),
@@ -85,20 +85,20 @@ def curve_line(context: bpy.types.Context, curve: bpy.types.Object) -> FloatArra
     return line
 
 
-class UNISIM_OT_follow_curve(FromTime, Braking, bpy.types.Operator):
+def one_curve(context: bpy.types.Context) -> Need:
+    """One curve is selected."""
+    curves = [obj for obj in context.selected_objects if obj.type == "CURVE"]
+    return len(curves) == 1, "Select one curve in addition to the actors (Add > Curve)"
+
+
+class UNISIM_OT_follow_curve(FromTime, Braking, Editing, bpy.types.Operator):
     """Move the selected actors along the selected curve, from a time on, and stop them at its end"""
 
     bl_label = "Follow Curve"
-    bl_options = {"REGISTER", "UNDO"}
+    needs = (object_mode, selected("Select an actor first", "ACTOR"), one_curve)
 
     speed_m_s: in_m_s("Speed", "Speed along the curve, until it brakes to stop at the end", 8.0, min=0.1, soft_max=40.0)
     length_m: FloatProperty(unit="LENGTH", options={"HIDDEN", "SKIP_SAVE"})
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        curves = [obj for obj in context.selected_objects if obj.type == "CURVE"]
-        curve = len(curves) == 1, "Select one curve in addition to the actors (Add > Curve)"
-        return allowed(cls, object_mode(context), selected("Select an actor first", "ACTOR")(context), curve)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the settings, and how long the curve takes in seconds and frames."""
@@ -137,11 +137,10 @@ class UNISIM_OT_follow_curve(FromTime, Braking, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_snap_to_ground(Needing, bpy.types.Operator):
+class UNISIM_OT_snap_to_ground(Editing, bpy.types.Operator):
     """Place the selected actors and static items on the ground below them, at the current frame"""
 
     bl_label = "Snap to Ground"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor or a static item first", "ACTOR", "STATIC"))
 
     @reporting
@@ -178,11 +177,10 @@ NEEDED = {
 }
 
 
-class UNISIM_OT_retime_actor(FromTime, Braking, Needing, bpy.types.Operator):
+class UNISIM_OT_retime_actor(FromTime, Braking, Editing, bpy.types.Operator):
     """Change when the selected actors are where on their trajectories"""
 
     bl_label = "Retime Actor"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor first", "ACTOR"))
 
     mode: EnumProperty(name="Mode", description="Kind of time change", items=MODES, default="DELAY")
@@ -252,11 +250,10 @@ class UNISIM_OT_retime_actor(FromTime, Braking, Needing, bpy.types.Operator):
         return 0.0 if change is None else change.hardest_m_s2
 
 
-class UNISIM_OT_shift_actor(Needing, bpy.types.Operator):
+class UNISIM_OT_shift_actor(Editing, bpy.types.Operator):
     """Shift the selected actors sideways, along the path of their trajectory and in time, alike at every time"""
 
     bl_label = "Shift Actor"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor first", "ACTOR"))
 
     left_m: in_metres(

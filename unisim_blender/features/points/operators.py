@@ -30,7 +30,7 @@ from ...editing.sensors.sweeps import (
 from ...preferences import device, interpreter
 from ...process.client import Client, Request, client, progress_line
 from ...translations import localized
-from ..operator_bases import Needing, reporting
+from ..operator_bases import Editing, reporting
 
 POLL_S = 0.1
 EDIT_S = 0.4
@@ -181,11 +181,10 @@ def update(scene: bpy.types.Scene) -> None:
         asked.clear()
 
 
-class UNISIM_OT_show_points(Needing, bpy.types.Operator):
+class UNISIM_OT_show_points(Editing, bpy.types.Operator):
     """Show recorded LiDAR points, simulated LiDAR points, or both, and on request beams that did not return"""
 
     bl_label = "Show LiDAR Points"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (drive,)
 
     recorded: bpy.props.BoolProperty(name="Recorded", description="Show recorded points", default=True)

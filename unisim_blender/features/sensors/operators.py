@@ -19,7 +19,7 @@ from ...core.world.drive import CameraModel, LidarModel
 from ...editing.layout.shapes import DISPLAY_M
 from ...editing.sensors.mounts import lidar_json, own_table
 from ...translations import message
-from ..operator_bases import Needing, reporting
+from ..operator_bases import Editing, reporting
 
 OWN = "OWN"
 OWN_TABLE = "15, 10, 5, 2, 0, -2, -4, -7, -10, -15"
@@ -47,15 +47,13 @@ def give_name(scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
         obj.name = free_name(scene, source_of(scene).drive, wanted, obj.name)
 
 
-class _OnVehicle(Needing):
-    bl_options = {"REGISTER", "UNDO"}
+class _OnVehicle(Editing):
     needs = (object_mode, vehicle)
 
 
-class _OfSensor(Needing):
+class _OfSensor(Editing):
     """An operator that a sensor's row in the list has."""
 
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle)
 
     name: StringProperty(name="Sensor", options={"HIDDEN", "SKIP_SAVE"})
@@ -199,11 +197,10 @@ class UNISIM_OT_add_lidar(_OnVehicle, _Beams, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_set_beams(Needing, _Beams, bpy.types.Operator):
+class UNISIM_OT_set_beams(Editing, _Beams, bpy.types.Operator):
     """Change the beam table of the selected LiDARs"""
 
     bl_label = "Change Beams"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select a LiDAR first", "LIDAR"))
 
     @reporting

@@ -22,7 +22,7 @@ from ...core.rigs import read_rig, write_rig
 from ...editing.sensors.names import rig_contents
 from ...editing.texts import translatable
 from ...translations import localized, message
-from ..operator_bases import Needing, reporting
+from ..operator_bases import Editing, Needing, reporting
 
 MODES = (
     (
@@ -43,11 +43,10 @@ def hidden(context: bpy.types.Context) -> Need:
         return False, sentence
 
 
-class UNISIM_OT_apply_rig(Needing, bpy.types.Operator):
+class UNISIM_OT_apply_rig(Editing, bpy.types.Operator):
     """Put a rig preset's cameras and LiDARs on the vehicle"""
 
     bl_label = "Apply Rig Preset"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle)
 
     filepath: StringProperty(name="File", subtype="FILE_PATH", options={"HIDDEN", "SKIP_SAVE"})
@@ -169,11 +168,10 @@ class UNISIM_OT_rig_folder(bpy.types.Operator):
         return set(bpy.ops.wm.path_open(filepath=str(users_folder())))
 
 
-class UNISIM_OT_restore_sensors(Needing, bpy.types.Operator):
+class UNISIM_OT_restore_sensors(Editing, bpy.types.Operator):
     """Show recorded sensors again that a rig preset has hidden, and make those anew that were deleted"""
 
     bl_label = "Restore Recorded Sensors"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle, hidden)
 
     @reporting

@@ -26,7 +26,7 @@ from ...process.background import launch
 from ...process.tasks import SequenceTask, newest_image
 from ...translations import message
 from ..drive.export_operators import ReadsScenes
-from ..operator_bases import AtOnce, Needing, nothing_runs, reporting
+from ..operator_bases import AtOnce, Editing, Needing, nothing_runs, reporting
 from ..output.operators import SCENARIO, output_folder, render_arguments
 
 
@@ -154,11 +154,10 @@ class UNISIM_OT_rename_variant(_Named, bpy.types.Operator):
             manager.unisim_compared = context.scene.name
 
 
-class UNISIM_OT_delete_variant(Needing, bpy.types.Operator):
+class UNISIM_OT_delete_variant(Editing, bpy.types.Operator):
     """Delete the shown variant with all its objects and keyframes, and show another one"""
 
     bl_label = "Delete Variant"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (
         object_mode,
         drive,
@@ -178,12 +177,11 @@ class UNISIM_OT_delete_variant(Needing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_show_variant(Needing, bpy.types.Operator):
+class UNISIM_OT_show_variant(Editing, bpy.types.Operator):
     """Show this variant, at the same frame"""
 
     bl_label = "Show Variant"
     # an undo step, so that the panel of the last operation does not offer to change one of another variant
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode,)
 
     name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
