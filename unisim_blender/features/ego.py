@@ -6,12 +6,12 @@ from bpy.props import EnumProperty, StringProperty
 from ..bridge.changes.motion import displaced_along
 from ..bridge.objects.ego_bodies import make_body, release_body
 from ..bridge.objects.imported import imported_objects
-from ..bridge.window import Need, choose, object_mode, refresh, selected, vehicle
+from ..bridge.window import Need, choose, object_mode, selected, vehicle
 from ..core.errors import UnisimError
 from ..core.scenario.edits.ego_body import DEFAULT_LABEL
 from ..translations import message
 from .actors.operators import DIRECTIONS, selected_meshes
-from .operator_bases import Editing, in_metres, reporting
+from .operator_bases import Editing, in_metres
 from .sidebar import DrivePanel, row_of
 
 
@@ -23,12 +23,11 @@ class UNISIM_OT_shift_ego(Editing, bpy.types.Operator):
 
     left_m: in_metres("Left", "Displacement to the left; negative values displace to the right", 1.0, once=False)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         vehicles = list(imported_objects(context.scene, "EGO"))
         for ego in vehicles:
             displaced_along(ego, (0.0, self.left_m, 0.0))
-        refresh(vehicles)
-        return {"FINISHED"}
+        return vehicles
 
 
 PLACES = (
@@ -49,8 +48,7 @@ class UNISIM_OT_ego_body(Editing, bpy.types.Operator):
         name="Class", description="As the log's labels have it: Car, Pickup Truck, Bus …", default=DEFAULT_LABEL
     )
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         meshes = selected_meshes(context)
         moving = next((obj for obj in meshes if obj.animation_data is not None or obj.constraints), None)
         if moving is not None:
@@ -63,9 +61,8 @@ class UNISIM_OT_ego_body(Editing, bpy.types.Operator):
         meshes.sort(key=lambda obj: obj == context.active_object)
         body = make_body(context.scene, meshes, self.label or DEFAULT_LABEL, self.forward, self.place == "VEHICLE")
         choose(context, body)
-        refresh([body])
         self.report({"INFO"}, message("{name} is the ego vehicle's body", name=body.name))
-        return {"FINISHED"}
+        return [body]
 
 
 def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
@@ -85,13 +82,12 @@ class UNISIM_OT_release_ego_body(Editing, bpy.types.Operator):
 
     needs = (object_mode, ego_body)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         every = bodies_of(context.scene)
         released = [obj for obj in every if obj.select_get()] or every
         for obj in released:
             release_body(obj)
-        refresh(released)
-        return {"FINISHED"}
+        return released
 
 
 class UNISIM_PT_ego(DrivePanel, bpy.types.Panel):

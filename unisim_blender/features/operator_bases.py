@@ -12,7 +12,7 @@ from typing import Any, ClassVar, TypeVar
 import bpy
 from bpy.props import FloatProperty
 
-from ..bridge.window import Need, allowed
+from ..bridge.window import Need, allowed, refresh
 from ..core.errors import UnisimError
 from ..editing.texts import Text
 from ..process.background import running, what_runs
@@ -73,9 +73,23 @@ class Needing:
 
 
 class Editing(Needing):
-    """Base of operators that edit the drive, each one undo step."""
+    """Base of operators that edit the drive, each one undo step. Errors are reported."""
 
     bl_options = {"REGISTER", "UNDO"}
+
+    def edit(self: Any, context: bpy.types.Context) -> list[bpy.types.Object] | set[str] | None:
+        """Edit it. Return the objects that are to be evaluated again, or the operator's result where that is another one
+        than FINISHED. Raises `UnisimError`."""
+        raise NotImplementedError
+
+    @reporting
+    def execute(self: Any, context: bpy.types.Context) -> set[str]:
+        changed = self.edit(context)
+        if isinstance(changed, set):
+            return changed
+        if changed:
+            refresh(changed)
+        return {"FINISHED"}
 
 
 def nothing_runs(context: bpy.types.Context) -> Need:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import bpy
 import numpy as np
@@ -21,7 +21,7 @@ from ...bridge.objects.meshes import size_of
 from ...bridge.objects.trajectories import span_of
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.views.actors import ego_poses, neighbours, poses_of
-from ...bridge.window import Need, choose, chosen, drive, object_mode, refresh, selected
+from ...bridge.window import Need, choose, chosen, drive, object_mode, selected
 from ...core.actor_images.names import group_of, readable_names
 from ...core.errors import UnisimError
 from ...core.model.scene_file import HEADER_NAME, read_scene_header
@@ -35,7 +35,7 @@ from ...editing.motion.retiming import Retiming
 from ...editing.sampled.clock import Clock, recorded_poses
 from ...translations import interface, message
 from ..actor_list.operators import GROUPS
-from ..operator_bases import Editing, Needing, reporting
+from ..operator_bases import Editing, Needing
 from ..problems import draw_problem, fail
 from . import thumbnails
 
@@ -166,39 +166,6 @@ def first_of(context: bpy.types.Context, folder: str, group: str, page: int) -> 
 WIDTH_PX = 320
 
 
-class _Chooses:
-    """Base of operators that choose an actor by its thumbnail."""
-
-    layout: Any
-    """Blender's, while it draws."""
-
-    def folder(self) -> str:
-        """The folder of the trained scene whose actors are chosen from; "" for the drive's own."""
-        raise NotImplementedError
-
-    def begin(self, context: bpy.types.Context, group: str, uid: str) -> None:
-        """Show the actors of a group, and one of them, if it is there."""
-        folder = self.folder()
-        self.group = group
-        try:
-            uids = listed(choice_of(context, folder), self.group)
-            if not uids:
-                self.group, uids = "ALL", listed(choice_of(context, folder), "ALL")
-        except (UnisimError, OSError):
-            return
-        at = uids.index(uid) if uid in uids else 0
-        self.page = (
-            1 + at * pages(context, folder, self.group) // max(len(uids), 1)
-            if pages(context, folder, self.group) > 1
-            else 1
-        )
-        items = [item[0] for item in items_of(context, folder, self.group, self.page)]
-        self.appearance = uid if uid in items else items[0]
-
-    def draw(self, context: bpy.types.Context) -> None:
-        draw_choice(self.layout, context, self, self.folder())
-
-
 def folder_of(filepath: str) -> str:
     """Return the folder of a trained scene, of its scene.json or itself; "" of ""."""
     if not filepath:
@@ -207,19 +174,19 @@ def folder_of(filepath: str) -> str:
     return str(path.parent if path.name == HEADER_NAME else path)
 
 
+def chosen_folder(self: bpy.types.OperatorProperties) -> str:
+    """Return the folder of the trained scene whose actors are chosen from; "" for the drive's own."""
+    return folder_of(self.filepath) if hasattr(self, "filepath") else str(self.scene)
+
+
 def appearances(self: bpy.types.OperatorProperties, context: bpy.types.Context) -> list[ActorChoice]:
-    """The actors of a menu of Replace Appearance."""
-    return items_of(context, self.scene, self.group, self.page)
-
-
-def inserted(self: bpy.types.OperatorProperties, context: bpy.types.Context) -> list[ActorChoice]:
-    """The actors of a menu of Insert Actor."""
-    return items_of(context, folder_of(self.filepath), self.group, self.page)
+    """Return the actors of the menu."""
+    return items_of(context, chosen_folder(self), self.group, self.page)
 
 
 def other_page(self: bpy.types.OperatorProperties, context: bpy.types.Context) -> None:
     """Another class or page is shown: its first actor is chosen."""
-    folder = folder_of(self.filepath) if hasattr(self, "filepath") else self.scene
+    folder = chosen_folder(self)
     last = pages(context, folder, self.group)
     if self.page > last:
         self.page = last
@@ -227,6 +194,46 @@ def other_page(self: bpy.types.OperatorProperties, context: bpy.types.Context) -
     first = first_of(context, folder, self.group, self.page)
     if first:
         self.appearance = first
+
+
+class _Chooses(Editing):
+    """Base of operators that choose an actor by its thumbnail: ``confirm`` is the text of their button, ``first_group``
+    the class that is shown where no actor is active."""
+
+    confirm: ClassVar[str]
+    first_group: ClassVar[str] = "ALL"
+    group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
+    page: IntProperty(name="Page", description="Page that is shown", min=0, soft_min=1, update=other_page)
+
+    def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask which, of the active actor's class first."""
+        actors, obj = chosen(context, "ACTOR"), context.active_object
+        if obj is None or obj.unisim.kind != "ACTOR" or (actors and obj not in actors):
+            obj = next(iter(actors), None)
+        uid = obj.unisim.look or obj.unisim.uid if obj is not None else ""
+        try:
+            actor = choice_of(context, chosen_folder(self)).actors.get(uid)
+        except (UnisimError, OSError) as fault:
+            return fail(self, fault)
+        self.begin(context, group_of(actor.label) if actor is not None else self.first_group, uid)
+        return context.window_manager.invoke_props_dialog(self, width=WIDTH_PX, confirm_text=self.confirm)
+
+    def begin(self: Any, context: bpy.types.Context, group: str, uid: str) -> None:
+        """Show the actors of a group, and one of them, if it is there."""
+        folder, self.group = chosen_folder(self), group
+        try:
+            uids = listed(choice_of(context, folder), self.group)
+            if not uids:
+                self.group, uids = "ALL", listed(choice_of(context, folder), "ALL")
+        except (UnisimError, OSError):
+            return
+        at, count = uids.index(uid) if uid in uids else 0, pages(context, folder, self.group)
+        self.page = 1 + at * count // max(len(uids), 1) if count > 1 else 1
+        items = [item[0] for item in items_of(context, folder, self.group, self.page)]
+        self.appearance = uid if uid in items else items[0]
+
+    def draw(self: Any, context: bpy.types.Context) -> None:
+        draw_choice(self.layout, context, self, chosen_folder(self))
 
 
 def no_mesh(context: bpy.types.Context) -> Need:
@@ -240,10 +247,11 @@ def trained(context: bpy.types.Context) -> Need:
     return bool(context.scene.unisim.scene), "Import or train a trained scene first"
 
 
-class UNISIM_OT_replace_appearance(Editing, _Chooses, bpy.types.Operator):
+class UNISIM_OT_replace_appearance(_Chooses, bpy.types.Operator):
     """Replace the appearance and the box of the selected actors by those of another actor, on the same trajectory"""
 
     bl_label = "Replace Appearance"
+    confirm = "Replace"
     needs = (object_mode, selected("Select an actor first", "ACTOR"), no_mesh)
 
     scene: StringProperty(
@@ -252,35 +260,16 @@ class UNISIM_OT_replace_appearance(Editing, _Chooses, bpy.types.Operator):
         subtype="DIR_PATH",
         options={"SKIP_SAVE"},
     )
-    group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
-    page: IntProperty(name="Page", description="Page that is shown", min=0, soft_min=1, update=other_page)
     appearance: EnumProperty(name="Appearance", description="Actor whose appearance is used", items=appearances)
 
-    def folder(self) -> str:
-        return str(self.scene)
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask which, of the active actor's class first."""
-        actors = chosen(context, "ACTOR")
-        obj = context.active_object if context.active_object in actors else actors[0]
-        uid = obj.unisim.look or obj.unisim.uid
-        try:
-            actor = choice_of(context, self.scene).actors.get(uid)
-        except (UnisimError, OSError) as fault:
-            return fail(self, fault)
-        self.begin(context, group_of(actor.label) if actor is not None else "ALL", uid)
-        return context.window_manager.invoke_props_dialog(self, width=WIDTH_PX, confirm_text="Replace")
-
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         actors = choice_of(context, self.scene).actors
         actor = actors.get(self.appearance) if self.properties.is_property_set("appearance") else None
         if actor is None:
             raise UnisimError(message("choose an actor by its thumbnail first"))
         for obj in chosen(context, "ACTOR"):
             give_look(obj, self.appearance, actor, self.scene)
-        refresh(chosen(context, "ACTOR"))
-        return {"FINISHED"}
+        return chosen(context, "ACTOR")
 
 
 def give_look(obj: bpy.types.Object, uid: str, actor: Actor, folder: str) -> None:
@@ -309,8 +298,7 @@ class UNISIM_OT_swap_class(Editing, bpy.types.Operator):
         options={"SKIP_SAVE"},
     )
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         """Other boxes; who goes faster than that class does is slowed down from the start on."""
         choice, clock = choice_of(context, self.scene), Clock.of(source_of(context.scene).drive)
         uids = listed(choice, self.group)
@@ -328,8 +316,7 @@ class UNISIM_OT_swap_class(Editing, bpy.types.Operator):
             give_look(obj, uid, choice.actors[uid], self.scene)
             if self.group in SLOW_GROUPS:
                 slow_down(obj, habits_of(choice.actors[uid].label).speed_m_s, clock)
-        refresh(chosen(context, "ACTOR"))
-        return {"FINISHED"}
+        return chosen(context, "ACTOR")
 
 
 def slow_down(obj: bpy.types.Object, speed_m_s: float, clock: Clock) -> None:
@@ -388,10 +375,11 @@ def cursor_rotation(scene: bpy.types.Scene) -> Quaternion:
     return Quaternion(UP, heading_along(np.array(scene.cursor.location), paths))
 
 
-class UNISIM_OT_insert_actor(Editing, _Chooses, bpy.types.Operator):
+class UNISIM_OT_insert_actor(_Chooses, bpy.types.Operator):
     """Insert an actor of the drive or of a trained scene in front of the ego vehicle, or at the 3D cursor"""
 
     bl_label = "Insert Actor"
+    confirm, first_group = "Insert", "CAR"
     needs = (object_mode, drive)
 
     filepath: StringProperty(
@@ -404,33 +392,15 @@ class UNISIM_OT_insert_actor(Editing, _Chooses, bpy.types.Operator):
         description="Identifier in the trained scene; empty for the one chosen by its thumbnail",
         options={"HIDDEN", "SKIP_SAVE"},
     )
-    group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
-    page: IntProperty(name="Page", description="Page that is shown", min=0, soft_min=1, update=other_page)
-    appearance: EnumProperty(name="Actor", description="Actor to insert", items=inserted)
+    appearance: EnumProperty(name="Actor", description="Actor to insert", items=appearances)
     where: EnumProperty(name="Where", description="Location of the actor", items=PLACES)
 
     def draw(self, context: bpy.types.Context) -> None:
         super().draw(context)
         self.layout.prop(self, "where", text="")
 
-    def folder(self) -> str:
-        return folder_of(self.filepath)
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask which, of the active actor's class first."""
-        try:
-            choice = choice_of(context, self.folder())
-        except (UnisimError, OSError) as fault:
-            return fail(self, fault)
-        obj = context.active_object
-        own = obj.unisim.look or obj.unisim.uid if obj is not None and obj.unisim.kind == "ACTOR" else ""
-        actor = choice.actors.get(own)
-        self.begin(context, group_of(actor.label) if actor is not None else "CAR", own)
-        return context.window_manager.invoke_props_dialog(self, width=WIDTH_PX, confirm_text="Insert")
-
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        folder = self.folder()
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
+        folder = chosen_folder(self)
         choice = choice_of(context, folder)
         vehicles = listed(choice, "CAR") or listed(choice, "ALL")
         uid = self.actor or (
@@ -448,8 +418,7 @@ class UNISIM_OT_insert_actor(Editing, _Chooses, bpy.types.Operator):
         else:
             put_ahead(context.scene, obj, actor)
         choose(context, obj)
-        refresh([obj])
-        return {"FINISHED"}
+        return [obj]
 
 
 class UNISIM_OT_insert_from(Needing, bpy.types.Operator, ImportHelper):

@@ -9,11 +9,11 @@ from ...bridge.objects.imported import copy_of, forget_static, mark_static, sour
 from ...bridge.objects.meshes import make_actor, parts, size_of
 from ...bridge.objects.trajectories import remove
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.window import Need, choose, chosen, drive, object_mode, refresh, selected
+from ...bridge.window import Need, choose, chosen, drive, object_mode, selected
 from ...core.errors import UnisimError
 from ...editing.sampled.scene import rigid
 from ...translations import message
-from ..operator_bases import Editing, in_metres, reporting
+from ..operator_bases import Editing, in_metres
 
 LANE_M = 3.5
 GAP_M = 0.6
@@ -36,8 +36,7 @@ class UNISIM_OT_duplicate_actor(Editing, bpy.types.Operator):
     where: EnumProperty(name="Where", description="Location of the copies", items=PLACES, default="LANE_LEFT")
     lane_m: in_metres("Lane width", "Distance to the next lane", LANE_M, once=False, min=0.5, soft_max=6.0)
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         sources, copies, recorded = chosen(context, "ACTOR"), [], source_of(context.scene).drive
         for source in sources:
             copy = copy_of(context, source)
@@ -48,9 +47,8 @@ class UNISIM_OT_duplicate_actor(Editing, bpy.types.Operator):
                 displaced_beside(copy, (0.0, beside if self.where.endswith("LEFT") else -beside, 0.0), recorded)
             copies.append(copy)
         choose(context, *copies)
-        refresh(copies)
         self.report({"INFO"}, message("Actors duplicated: {count}", count=len(sources)))
-        return {"FINISHED"}
+        return copies
 
 
 class UNISIM_OT_delete_actor(Editing, bpy.types.Operator):
@@ -59,14 +57,13 @@ class UNISIM_OT_delete_actor(Editing, bpy.types.Operator):
     bl_label = "Delete Actor"
     needs = (object_mode, selected("Select an actor or a static item first", "ACTOR", "STATIC"))
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> None:
         gone = chosen(context, "ACTOR", "STATIC")
         for obj in gone:
             for part in obj.children_recursive if obj.unisim.mesh else ():
                 bpy.data.objects.remove(part)
             remove(obj)
         self.report({"INFO"}, message("Objects deleted: {count}", count=len(gone)))
-        return {"FINISHED"}
 
 
 DIRECTIONS = (
@@ -110,15 +107,13 @@ class UNISIM_OT_mesh_actor(Editing, bpy.types.Operator):
     )
     forward: EnumProperty(name="Points along", description="Forward direction of the object", items=DIRECTIONS)
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> None:
         """Mark each; its origin goes to its middle, its scale into its mesh."""
         meshes = selected_meshes(context)
         for obj in meshes:
             make_actor(obj, self.label or "Other", self.forward)
         choose(context, *meshes)
         self.report({"INFO"}, message("Mesh actors: {count}", count=len(meshes)))
-        return {"FINISHED"}
 
 
 def mesh_actor(context: bpy.types.Context) -> Need:
@@ -133,11 +128,10 @@ class UNISIM_OT_release_mesh(Editing, bpy.types.Operator):
 
     needs = (object_mode, mesh_actor)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> None:
         for obj in chosen(context, "ACTOR"):
             if obj.unisim.mesh:
                 obj.unisim.kind, obj.unisim.mesh = "NONE", False
-        return {"FINISHED"}
 
 
 class UNISIM_OT_mark_static(Editing, bpy.types.Operator):
@@ -155,7 +149,7 @@ class UNISIM_OT_mark_static(Editing, bpy.types.Operator):
         unit="LENGTH",
     )
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> None:
         active = context.active_object
         if active is not None and active.select_get() and active.type == "MESH" and active.unisim.kind == "NONE":
             corners = np.array(active.bound_box)
@@ -170,7 +164,6 @@ class UNISIM_OT_mark_static(Editing, bpy.types.Operator):
             pose[:3, 3] = np.array(context.scene.cursor.location) + [0.0, 0.0, size[2] / 2]
         obj = mark_static(context.scene, pose, size)
         choose(context, obj)
-        return {"FINISHED"}
 
 
 class UNISIM_OT_copy_static(Editing, bpy.types.Operator):
@@ -179,7 +172,7 @@ class UNISIM_OT_copy_static(Editing, bpy.types.Operator):
     bl_label = "Copy Static Item"
     needs = (object_mode, selected("Select a static item first", "STATIC"))
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> None:
         """Several keep their places to each other."""
         items = chosen(context, "STATIC")
         middle = np.mean([obj.matrix_world.translation for obj in items], 0)
@@ -188,7 +181,6 @@ class UNISIM_OT_copy_static(Editing, bpy.types.Operator):
         for obj, copy in zip(items, copies, strict=True):
             copy.location = np.array(obj.location) + [apart[0], apart[1], 0.0]
         choose(context, *copies)
-        return {"FINISHED"}
 
 
 class UNISIM_OT_forget_static(Editing, bpy.types.Operator):
@@ -197,7 +189,6 @@ class UNISIM_OT_forget_static(Editing, bpy.types.Operator):
     bl_label = "Unmark Static Item"
     needs = (object_mode, selected("Select a static item first", "STATIC"))
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> None:
         for uid in {obj.unisim.uid for obj in chosen(context, "STATIC")}:
             forget_static(context.scene, uid)
-        return {"FINISHED"}

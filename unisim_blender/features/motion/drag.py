@@ -341,11 +341,10 @@ class UNISIM_OT_aim_sensor(_Aimed, Editing, bpy.types.Operator):
         self.yaw_deg, self.pitch_deg = np.degrees(direction_of(context.active_object))
         return context.window_manager.invoke_props_dialog(self)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         self.apply(context)
-        refresh([context.active_object])
         self.report({"INFO"}, localized(self.said(context)))
-        return {"FINISHED"}
+        return [context.active_object]
 
 
 class UNISIM_OT_drag_aim(_Aimed, Dragged, bpy.types.Operator):

@@ -14,7 +14,7 @@ from ...bridge.objects.imported import class_of, copy_of, drive_of, imported_obj
 from ...bridge.objects.meshes import size_of
 from ...bridge.objects.trajectories import keyed_pose
 from ...bridge.views.actors import ego_poses, neighbours
-from ...bridge.window import choose, chosen, drive, object_mode, refresh, selected
+from ...bridge.window import choose, chosen, drive, object_mode, selected
 from ...core.actor_images.names import group_of
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
@@ -29,7 +29,7 @@ from ...editing.sampled.clock import Clock
 from ...editing.texts import Text, series
 from ...translations import localized, message
 from ..actors.appearances import choice_of, listed
-from ..operator_bases import Editing, Needing, draw_split, in_m_s, in_m_s2, in_metres, in_seconds, reporting
+from ..operator_bases import Editing, Needing, draw_split, in_m_s, in_m_s2, in_metres, in_seconds
 from .drag import Dragged
 from .gizmos import Handles, are_shown
 from .operators import FromTime
@@ -166,8 +166,7 @@ class UNISIM_OT_maneuver(FromTime, Editing, bpy.types.Operator):
         values = {"type": self.kind.lower(), "at_s": numbers.pop("first_s"), **numbers}
         return values if side == "OWN" else {**values, "side": side.lower()}
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         """Let it do the maneuver, with the first numbers for which there is room where none were given."""
         source = source_of(context.scene)
         clock, actors = Clock.of(source.drive), chosen(context, "ACTOR")
@@ -191,8 +190,7 @@ class UNISIM_OT_maneuver(FromTime, Editing, bpy.types.Operator):
             changed = [active if self.who == "SELECTED" else self.inserted(context, groups)]
         if self.kind != "PLATOON":
             self.report_on(changed[0], self.maneuver(context, changed[0]))
-        refresh(changed)
-        return {"FINISHED"}
+        return changed
 
     def maneuver(self, context: bpy.types.Context, obj: bpy.types.Object) -> Any:
         """Let an object do the maneuver, and return how; the first time, the first numbers with room are chosen."""

@@ -16,7 +16,7 @@ from ...bridge.objects.meshes import size_of
 from ...bridge.objects.trajectories import trajectory_of
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.views.actors import neighbours
-from ...bridge.window import Need, choose, drive, object_mode, refresh
+from ...bridge.window import Need, choose, drive, object_mode
 from ...core.actor_images.names import group_of
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
@@ -30,7 +30,7 @@ from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import rigid
 from ...editing.texts import Text, free_name, series
 from ...translations import localized, message
-from ..operator_bases import Editing, Needing, draw_split, in_metres, reporting
+from ..operator_bases import Editing, Needing, draw_split, in_metres
 from .drag import STEP_M, Dragged
 from .gizmos import HANDLE, Handles, are_shown
 from .operators import curve_line
@@ -122,8 +122,7 @@ class PlacesRow(Editing):
         best = int((free - FAR * np.abs(np.arange(len(free)) - before + 0.1)).argmax())
         self.start_m, self.end_m = (float(end + (best - before) * step) for end in (self.start_m, self.end_m))
 
-    @reporting
-    def execute(self: Any, context: bpy.types.Context) -> set[str]:
+    def edit(self: Any, context: bpy.types.Context) -> list[bpy.types.Object] | set[str]:
         """Put the row there and select it; numbers that are not given are those of `begin`."""
         scene, recorded = context.scene, source_of(context.scene).drive
         obj = scene.objects.get(self.source) or self.found(context, recorded)
@@ -147,9 +146,8 @@ class PlacesRow(Editing):
         if not placed:
             raise UnisimError(message("something else stands at all places"))
         choose(context, *placed)
-        refresh(placed)
         self.report({"INFO"}, localized(row_words(row, len(placed))))
-        return {"FINISHED"}
+        return placed
 
     def row(self: Any, context: bpy.types.Context, obj: bpy.types.Object, recorded: Drive) -> Row:
         """Return the row as it is set."""
