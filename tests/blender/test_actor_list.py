@@ -13,9 +13,9 @@ from helpers import SAMPLE, calls, driving_car, imported, read, select
 
 from unisim_blender.bridge.objects.animation import curves_of, keys_of, write_keys
 from unisim_blender.bridge.objects.imported import imported_objects, source_of
-from unisim_blender.bridge.objects.trajectories import keyed_pose, trajectory_of
+from unisim_blender.bridge.objects.trajectories import keyed_pose, keyed_poses, trajectory_of
 from unisim_blender.bridge.views import actors
-from unisim_blender.bridge.views.actors import card_of, poses_of
+from unisim_blender.bridge.views.actors import card_of
 from unisim_blender.bridge.views.trails import compared_now
 from unisim_blender.editing.actors.table import Entry, speed_text
 from unisim_blender.editing.layout.speed_graph import values
@@ -60,14 +60,21 @@ def test_it_says_what_the_card_says(street: Any) -> None:
             assert row.there == (not one.hide_viewport) and not row.edited
 
 
-def test_poses_of_all_frames_are_those_of_each(street: Any) -> None:
+def evaluated_pose(scene: Any, obj: Any, frame: float) -> Any:
+    scene.frame_set(int(frame), subframe=frame - int(frame))
+    return np.array(obj.matrix_world)
+
+
+def test_keys_tell_poses_of_all_frames_as_blender_evaluates_them(street: Any) -> None:
     one = next(o for o in imported_objects(street, "ACTOR") if o.parent is not None)
     one.location = (0.5, -1.0, 0.0)
     frames = np.array([0.0, 3.0, 3.5, 19.0])
-    assert np.allclose(poses_of(one, frames), [keyed_pose(one, frame) for frame in frames], atol=1e-5)
-    one.rotation_mode = "XYZ"
-    one.rotation_euler = (0.0, 0.0, 0.3)
-    assert np.allclose(poses_of(one, frames), [keyed_pose(one, frame) for frame in frames], atol=1e-5)
+    for mode in ("QUATERNION", "XYZ", "AXIS_ANGLE"):
+        one.rotation_mode = mode
+        one.rotation_euler, one.rotation_axis_angle = (0.0, 0.0, 0.3), (0.4, 0.0, 0.0, 1.0)
+        known = keyed_poses(one, frames)
+        assert np.allclose(known, [evaluated_pose(street, one, frame) for frame in frames], atol=1e-4)
+        assert np.allclose(keyed_pose(one, 3.5), known[2])
 
 
 def test_only_what_the_scenario_names_is_edited(street: Any) -> None:

@@ -16,12 +16,12 @@ from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.bridge.views import trails
+from unisim_blender.editing.layout.shapes import OverlayShapes
 from unisim_blender.editing.layout.speed_graph import (
     EDITED,
     NOW,
     OVER,
     RECORDED,
-    GraphShapes,
     axes_of,
     curves,
     grip,
@@ -52,7 +52,7 @@ def swerve(one: Any, left_m: float) -> None:
         one.keyframe_insert("location", frame=frame)
 
 
-def colours(shapes: GraphShapes) -> set[tuple[float, ...]]:
+def colours(shapes: OverlayShapes) -> set[tuple[float, ...]]:
     """The colours of all triangles."""
     return set(shapes.colours)
 

@@ -17,7 +17,7 @@ from ..editing.texts import Text
 from ..registering import Drawing
 from ..translations import localized
 from .compare_view import drawn_view
-from .overlay_layout import LINE_PX, ground_size, in_rows, overlay_layout, write_rows
+from .overlay_layout import LINE_PX, draw_batch, fill, ground_size, in_rows, overlay_layout, write_rows
 from .view_types import looks_through
 
 COLOUR = (1.0, 0.82, 0.35, 1.0)
@@ -45,7 +45,8 @@ def draw() -> None:
         return  # the panel says so
     scale = context.preferences.system.ui_scale
     if outside and not rendered:  # the engine marks its images itself, without overlays and in F12, too
-        _stripe(region.width, region.height, BAND_PX * scale)
+        fill(0, 0, region.width, region.height, SHADE)
+        draw_batch("TRIS", stripes(region.width, region.height, BAND_PX * scale), STRIPE)
     box = overlay_layout(context).notices
     rows = in_rows(lines, box.width, scale)
     fit = max(1, int(box.height // (LINE_PX * scale)))
@@ -54,21 +55,6 @@ def draw() -> None:
     if rows:
         width, _ = ground_size(rows, scale)
         write_rows(rows, (box.left + box.right - width) / 2, box.top, scale, COLOUR)
-
-
-def _stripe(width: int, height: int, band: float) -> None:
-    """Draw a shade with diagonal stripes over a region."""
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
-    whole = ((0, 0), (width, 0), (0, height), (width, 0), (width, height), (0, height))
-    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
-    gpu.state.blend_set("ALPHA")
-    for colour, corners in ((SHADE, whole), (STRIPE, stripes(width, height, band))):
-        batch = batch_for_shader(shader, "TRIS", {"pos": corners})
-        shader.uniform_float("color", colour)
-        batch.draw(shader)
-    gpu.state.blend_set("NONE")
 
 
 def notices(

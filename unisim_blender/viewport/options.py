@@ -59,67 +59,41 @@ def options_of(space: Any) -> ViewOptions:
     return _options.setdefault(key, ViewOptions())
 
 
-def _here() -> ViewOptions:
-    return options_of(bpy.context.space_data)
+def _of_view(kind: Any, option: str, **settings: Any) -> Any:
+    """Return a property that is an option of the 3D view that is drawn or used; a mode is a number of `NAMES`."""
 
+    def get(self: Any) -> Any:
+        value = getattr(options_of(bpy.context.space_data), option)
+        return NAMES.index(value) if option == "mode" else value
 
-def _getter(name: str) -> Any:
-    return lambda self: getattr(_here(), name)
-
-
-def _setter(name: str) -> Any:
     def put(self: Any, value: Any) -> None:
-        setattr(_here(), name, value)
+        setattr(options_of(bpy.context.space_data), option, NAMES[value] if option == "mode" else value)
         if bpy.context.area is not None:
             bpy.context.area.tag_redraw()
 
-    return put
-
-
-def _get_mode(self: Any) -> int:
-    return NAMES.index(_here().mode)
-
-
-def _set_mode(self: Any, value: int) -> None:
-    _setter("mode")(self, NAMES[value])
+    return kind(get=get, set=put, **settings)
 
 
 class UniSimView(bpy.types.PropertyGroup):
     """The options of the 3D view that is drawn or used; it holds nothing of its own."""
 
-    mode: EnumProperty(
-        name="Image", description="Which images the view shows", items=MODES, get=_get_mode, set=_set_mode
-    )
-    split: FloatProperty(
-        name="Split",
+    mode: _of_view(EnumProperty, "mode", name="Image", description="Which images the view shows", items=MODES)
+    split: _of_view(
+        FloatProperty, "split", name="Split", min=0.0, max=1.0, subtype="FACTOR",
         description="Where the line between the recorded and the rendered image is, as a share of the image's width",
-        min=0.0,
-        max=1.0,
-        subtype="FACTOR",
-        get=_getter("split"),
-        set=_setter("split"),
+    )  # fmt: skip
+    gain: _of_view(
+        FloatProperty, "gain", name="Gain", min=1.0, max=64.0, description="Factor by which differences are multiplied"
     )
-    gain: FloatProperty(
-        name="Gain",
-        description="Factor by which differences are multiplied",
-        min=1.0,
-        max=64.0,
-        get=_getter("gain"),
-        set=_setter("gain"),
-    )
-    unsupported: BoolProperty(
-        name="Unsupported",
+    unsupported: _of_view(
+        BoolProperty, "unsupported", name="Unsupported",
         description="Hatch pixels in red that show what nothing recorded supports",
-        get=_getter("unsupported"),
-        set=_setter("unsupported"),
-    )
-    clip: BoolProperty(
-        name="Clip to Observed",
+    )  # fmt: skip
+    clip: _of_view(
+        BoolProperty, "clip", name="Clip to Observed",
         description="Show only what the recording observed, without what lies in front of it, in views that do not look "
         "through a camera",
-        get=_getter("clip"),
-        set=_setter("clip"),
-    )
+    )  # fmt: skip
 
 
 @persistent

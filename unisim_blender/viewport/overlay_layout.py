@@ -1,18 +1,25 @@
-"""Where a 3D view has its overlays, which are laid out together; and lines of text on a dark ground, which can be read on
-any image."""
+"""Where a 3D view has its overlays, which are laid out together; and what they are drawn with: triangles, lines, and rows
+of text on a dark ground, which can be read on any image."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import blf
 import bpy
+import numpy as np
 
+from ..core.geometry import FloatArray
 from ..editing.layout.overlays import OverlayLayout, Rectangle, free_part, lay_out_overlays
+from ..editing.layout.shapes import OverlayShapes
 from ..editing.texts import wrapped
+from ..translations import localized
 
 WANTED: dict[str, Callable[[bpy.types.Context], tuple[float, float] | None]] = {}
 """Functions that return the width and height of an overlay at a scale of 1, None while it is not shown."""
+LETTERS_PX = 11.0
+"""Size of the letters of shapes."""
 TEXT_PX, LINE_PX, PAD_PX = 12.0, 17.0, 5.0
 """Size of the text, from line to line, and its distance from the ground's edge."""
 GROUND = (0.04, 0.04, 0.04, 0.78)
@@ -63,12 +70,43 @@ def write_rows(rows: Sequence[str], left: float, top: float, scale: float, colou
 
 def fill(x0: float, y0: float, x1: float, y1: float, colour: tuple[float, ...]) -> None:
     """Draw a rectangle."""
+    draw_batch("TRI_STRIP", ((x0, y0), (x1, y0), (x0, y1), (x1, y1)), colour)
+
+
+def draw_batch(primitive: str, points: Any, colours: Any, line_px: float = 1.0) -> None:
+    """Draw triangles or lines over what is there: points (N, 2) or (N, 3), and a colour for each (N, 4) or for all (4,)."""
     import gpu
     from gpu_extras.batch import batch_for_shader
 
-    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
-    batch = batch_for_shader(shader, "TRI_STRIP", {"pos": ((x0, y0), (x1, y0), (x0, y1), (x1, y1))})
+    points = np.asarray(points, np.float32)
+    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
+    each = np.array(np.broadcast_to(colours, (len(points), 4)), np.float32)
     gpu.state.blend_set("ALPHA")
-    shader.uniform_float("color", colour)
-    batch.draw(shader)
+    gpu.state.depth_test_set("NONE")
+    gpu.state.line_width_set(line_px)
+    batch_for_shader(shader, primitive, {"pos": points, "color": each}).draw(shader)
+    gpu.state.line_width_set(1.0)
     gpu.state.blend_set("NONE")
+
+
+def measure_at(scale: float) -> Callable[[str], float]:
+    """Return what measures the width of a text that `draw_shapes` draws, in pixels."""
+    blf.size(0, LETTERS_PX * scale)
+    return lambda text: float(blf.dimensions(0, localized(text))[0])
+
+
+def draw_shapes(
+    shapes: OverlayShapes,
+    corner: Sequence[float] | FloatArray = (0.0, 0.0),
+    scale: float = 1.0,
+    text_scale: float | None = None,
+) -> None:
+    """Draw shapes with their lower left at a corner (2,) of the region; ``text_scale`` is that of letters where it is
+    another one."""
+    if shapes.corners:
+        draw_batch("TRIS", *shapes.arrays(corner, scale))
+    blf.size(0, LETTERS_PX * (scale if text_scale is None else text_scale))
+    for text, x, y, colour in shapes.texts:
+        blf.color(0, *colour)
+        blf.position(0, corner[0] + scale * x, corner[1] + scale * y, 0)
+        blf.draw(0, localized(text))

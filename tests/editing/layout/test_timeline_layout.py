@@ -74,7 +74,7 @@ def test_bars_have_the_class_colour_and_edited_ones_a_rim() -> None:
         ROOM, 1.0, [entry("Car 1", edited=True), entry("Cone 1", label="Cones", group="OTHER")], 0, 0.0, 8.0
     )
     assert found is not None
-    corners, colours = timeline.rectangles(found, 3.0, None, 1.0)
+    corners, colours = timeline.shapes_of(found, 3.0, None, 1.0, lambda text: 6.0 * len(text)).arrays()
     assert corners.shape == (len(colours), 3) and len(colours) % 6 == 0
     known = {tuple(colour) for colour in colours.round(4).tolist()}
     for row in found.rows:

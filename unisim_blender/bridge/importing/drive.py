@@ -31,7 +31,7 @@ from ..objects.imported import (
     source_of,
 )
 from ..objects.sensors import camera_model_of, set_model
-from ..objects.trajectories import free, local_matrix, remove, ride, set_on_trajectory, settle_on
+from ..objects.trajectories import free, local_poses, remove, ride, set_on_trajectory, settle_on
 from ..sampling.from_keys import sample_steps
 from .backgrounds import set_background
 
@@ -112,20 +112,16 @@ def import_source(
 
 def import_sensors(scene: bpy.types.Scene, source: DriveSource, names: set[str]) -> None:
     """Make objects of recorded sensors that were deleted, as the import makes them."""
-    ego, clock = next(imported_objects(scene, "EGO")), Clock.of(source.drive)
-    for name, camera in source.drive.cameras.items():
-        if name in names:
-            _camera(scene, source, camera, ego, clock)
-    for name, lidar in source.drive.lidars.items():
-        if name in names:
-            _lidar(scene, source.drive, lidar, ego, clock)
+    for kind, sensors in (("CAMERA", source.drive.cameras), ("LIDAR", source.drive.lidars)):
+        for name in names & set(sensors):
+            import_object(scene, source, kind, name)
     skip_sensors(scene, skipped_sensors(scene) - names)
 
 
 def front_camera(scene: bpy.types.Scene) -> bpy.types.Object | None:
     """Return the camera of the rig that looks furthest ahead along the vehicle; None where there is none."""
     cameras = [camera for camera in imported_objects(scene, "CAMERA") if not camera.hide_render]
-    return max(cameras, key=lambda camera: -local_matrix(camera, scene.frame_current)[0][2], default=None)
+    return max(cameras, key=lambda camera: -local_poses(camera, [scene.frame_current])[0, 0, 2], default=None)
 
 
 def set_aside(scene: bpy.types.Scene) -> None:

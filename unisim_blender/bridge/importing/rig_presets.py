@@ -11,7 +11,7 @@ from mathutils import Matrix
 from ...core.errors import ScenarioError
 from ...core.geometry import FloatArray, invert_pose
 from ...core.rigs import SUFFIX, Rig, RigCamera, RigLidar
-from ...core.world.drive import Drive
+from ...core.world.drive import CameraModel, Drive, LidarModel
 from ...editing import texts
 from ...editing.layout.shapes import DISPLAY_M
 from ...editing.sampled.scene import optical, rigid
@@ -87,28 +87,47 @@ def put_rig(
     ``replace``: of the sensors on the vehicle, recorded ones are hidden, in renders too, and can be shown again; others
     go. Sensors that do not ride on the vehicle stay.
     """
-    ego = next(imported_objects(scene, "EGO"))
     if replace:
         for obj in [obj for obj in imported_objects(scene, "CAMERA", "LIDAR") if rides_on_ego(obj)]:
             if is_recorded(scene, obj, drive):
                 show_sensor(obj, False)
             else:
                 _delete(obj)
-    new = []
-    for camera in rig.cameras:
-        name = free_name(scene, drive, camera.name)
-        obj = bpy.data.objects.new(name, bpy.data.cameras.new(f"UniSim {name}"))
-        set_model(obj, camera.model)
-        obj.data.display_size, obj.data.clip_end = DISPLAY_M, 1000.0
-        new.append(_ride(scene, obj, "CAMERA", ego, optical(camera.ego_from_camera), offset_m))
-    for lidar in rig.lidars:
-        obj = bpy.data.objects.new(free_name(scene, drive, lidar.name), None)
-        obj.empty_display_type, obj.empty_display_size = "CONE", DISPLAY_M
-        obj.unisim.model = lidar_json(lidar.model)
-        new.append(_ride(scene, obj, "LIDAR", ego, lidar.ego_from_lidar, offset_m))
+    place = Matrix.Translation(offset_m)
+    new = [
+        *(
+            add_sensor(scene, drive, camera.name, camera.model, optical(camera.ego_from_camera))
+            for camera in rig.cameras
+        ),
+        *(add_sensor(scene, drive, lidar.name, lidar.model, lidar.ego_from_lidar) for lidar in rig.lidars),
+    ]
+    for obj in new:
+        obj.location = place @ obj.location
     bpy.context.view_layer.update()
     look_ahead(scene)
     return new
+
+
+def add_sensor(
+    scene: bpy.types.Scene, drive: Drive | None, wanted: str, model: CameraModel | LidarModel, mount: FloatArray
+) -> bpy.types.Object:
+    """Put a new camera or LiDAR on the vehicle, at a pose (4, 4) in its axes, Blender's, under the name ``wanted`` or one
+    like it."""
+    name = free_name(scene, drive, wanted)
+    if isinstance(model, CameraModel):
+        kind, obj = "CAMERA", bpy.data.objects.new(name, bpy.data.cameras.new(f"UniSim {name}"))
+        set_model(obj, model)
+        obj.data.display_size, obj.data.clip_end = DISPLAY_M, 1000.0
+    else:
+        kind, obj = "LIDAR", bpy.data.objects.new(name, None)
+        obj.empty_display_type, obj.empty_display_size = "CONE", DISPLAY_M
+        obj.unisim.model = lidar_json(model)
+    collection_of(scene, kind).objects.link(obj)
+    obj.unisim.kind, obj.unisim.uid = kind, obj.name
+    obj.parent = next(imported_objects(scene, "EGO"))
+    obj.rotation_mode = "QUATERNION"
+    obj.location, obj.rotation_quaternion, _ = Matrix(mount.tolist()).decompose()
+    return obj
 
 
 def look_ahead(scene: bpy.types.Scene) -> None:
@@ -135,9 +154,8 @@ def hidden_sensors(scene: bpy.types.Scene, drive: Drive) -> set[str]:
 def bring_back(scene: bpy.types.Scene, source: DriveSource) -> set[str]:
     """Show the log's sensors again that are hidden for renders, and make those anew that were deleted.
     Return their names."""
-    drive = source.drive
-    names = hidden_sensors(scene, drive)
-    for kind, known in (("CAMERA", drive.cameras), ("LIDAR", drive.lidars)):
+    names = hidden_sensors(scene, source.drive)
+    for kind, known in (("CAMERA", source.drive.cameras), ("LIDAR", source.drive.lidars)):
         for name in names & set(known):
             obj = original_of(scene, kind, name)
             if obj is None:
@@ -157,30 +175,11 @@ def mount_of(scene: bpy.types.Scene, obj: bpy.types.Object, ego: bpy.types.Objec
     return np.asarray(late @ invert_pose(poses[0]) @ poses[1])
 
 
-def free_name(scene: bpy.types.Scene, drive: Drive, wanted: str, has: str = "") -> str:
-    """A name for a new sensor that no object has, and no sensor of the log: ``wanted``, or with a number behind it.
-
-    ``has`` is the name that the sensor's object has so far.
-    """
-    sensors = {safe_name(obj.name) for obj in imported_objects(scene, "CAMERA", "LIDAR")}
-    return texts.free_name(wanted, {*sensors, *drive.cameras, *drive.lidars, *bpy.data.objects.keys()} - {has}, "_")
-
-
-def _ride(
-    scene: bpy.types.Scene,
-    obj: bpy.types.Object,
-    kind: str,
-    ego: bpy.types.Object,
-    mount: FloatArray,
-    offset_m: tuple[float, float, float],
-) -> bpy.types.Object:
-    collection_of(scene, kind).objects.link(obj)
-    obj.unisim.kind, obj.unisim.uid = kind, obj.name
-    obj.parent = ego
-    obj.rotation_mode = "QUATERNION"
-    place, obj.rotation_quaternion, _ = Matrix(mount.tolist()).decompose()
-    obj.location = [a + b for a, b in zip(place, offset_m, strict=True)]
-    return obj
+def free_name(scene: bpy.types.Scene, drive: Drive | None, wanted: str) -> str:
+    """A name for a new sensor that no object has, and no sensor of the log, where that is at hand: ``wanted``, or with a
+    number behind it."""
+    taken = {safe_name(obj.name) for obj in imported_objects(scene, "CAMERA", "LIDAR")} | set(bpy.data.objects.keys())
+    return texts.free_name(wanted, taken | ({*drive.cameras, *drive.lidars} if drive is not None else set()), "_")
 
 
 def _delete(obj: bpy.types.Object) -> None:

@@ -7,11 +7,13 @@ have no trajectory.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import bpy
 import numpy as np
-from mathutils import Matrix, Quaternion
+from mathutils import Euler, Matrix
 
-from ...core.geometry import FloatArray
+from ...core.geometry import FloatArray, make_pose
 from .animation import curves_of, keyed_values, keys_of, move_curves, remove_curves, write_keys
 from .imported import collection_of
 
@@ -114,26 +116,36 @@ def convert(obj: bpy.types.Object) -> bool:
     return True
 
 
-def local_matrix(obj: bpy.types.Object, frame: float) -> Matrix:
-    """Return where keys put an object in its parent's axes at a frame (4, 4); properties without keys
-    count as they are."""
-    place = Matrix.Translation(keyed_values(obj, "location", [frame])[0])
+def local_poses(obj: bpy.types.Object, frames: Iterable[float]) -> FloatArray:
+    """Return where keys put an object in its parent's axes at frames (N,), without its scale (N, 4, 4); properties
+    without keys count as they are."""
+    frames = list(frames)
+    places = keyed_values(obj, "location", frames)
     if obj.rotation_mode == "QUATERNION":
-        turn = Quaternion(keyed_values(obj, "rotation_quaternion", [frame])[0])
-        return place @ turn.normalized().to_matrix().to_4x4()
+        turns = keyed_values(obj, "rotation_quaternion", frames)
+        return make_pose(places, turns / np.maximum(np.linalg.norm(turns, axis=1, keepdims=True), 1e-12))
+    poses = np.tile(np.eye(4), (len(frames), 1, 1))
     if obj.rotation_mode == "AXIS_ANGLE":
-        return place @ obj.matrix_basis.to_quaternion().to_matrix().to_4x4()
-    euler = obj.rotation_euler.copy()
-    euler[:] = keyed_values(obj, "rotation_euler", [frame])[0]
-    return place @ euler.to_matrix().to_4x4()
+        poses[:, :3, :3] = np.array(obj.matrix_basis.to_quaternion().to_matrix(), float)
+    else:
+        angles = keyed_values(obj, "rotation_euler", frames).tolist()
+        poses[:, :3, :3] = [np.array(Euler(row, obj.rotation_mode).to_matrix(), float) for row in angles]
+    poses[:, :3, 3] = places
+    return poses
+
+
+def keyed_poses(obj: bpy.types.Object, frames: Iterable[float]) -> FloatArray:
+    """Return where an object's own keys and its parents' put it at frames (N,), as poses in the world (N, 4, 4)."""
+    frames = list(frames)
+    own = local_poses(obj, frames)
+    if obj.parent is None:
+        return own
+    return keyed_poses(obj.parent, frames) @ np.array(obj.matrix_parent_inverse, float) @ own
 
 
 def keyed_pose(obj: bpy.types.Object, frame: float) -> FloatArray:
-    """Return where an object's own keys and its parents' put it at a frame, as a pose in the world (4, 4)."""
-    own = np.array(local_matrix(obj, frame), float)
-    if obj.parent is None:
-        return own
-    return keyed_pose(obj.parent, frame) @ np.array(obj.matrix_parent_inverse, float) @ own
+    """Return the pose (4, 4) of `keyed_poses` at one frame."""
+    return keyed_poses(obj, [frame])[0]
 
 
 def _new(obj: bpy.types.Object, name: str) -> bpy.types.Object:

@@ -21,7 +21,7 @@ from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled, rigid, scaling_of
 from ..objects.animation import curves_of, keys_hide
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects
-from ..objects.trajectories import keyed_pose
+from ..objects.trajectories import keyed_pose, keyed_poses
 from ..window import areas
 from .stepping import frame_of, sample
 
@@ -68,8 +68,7 @@ def sample_now(
                 scaling = scaling._replace(fault=stepped[obj.name].fault)
             poses, there = _displaced(stepped[obj.name], obj.poses[0], bool(obj.there[0])), stepped[obj.name].there
         else:
-            keyed_now = np.linalg.inv(keyed_pose(owner, now))
-            poses = obj.poses[0] @ np.stack([keyed_now @ keyed_pose(owner, frame) for frame in clock.frames])
+            poses = obj.poses[0] @ np.linalg.inv(keyed_pose(owner, now)) @ keyed_poses(owner, clock.frames)
             hidden = [_hidden(owner, frame) for frame in clock.frames]
             there = np.array([bool(obj.there[0]) if now_hidden is None else not now_hidden for now_hidden in hidden])
         sampled.append(replace(obj, poses=rigid(poses), there=there & (not owner.hide_render), scaling=scaling))

@@ -12,15 +12,15 @@ from dataclasses import replace
 
 import bpy
 import numpy as np
-from mathutils import Euler, Quaternion
+from mathutils import Quaternion
 
-from ...core.geometry import BoolArray, FloatArray, matrix_from_quaternion
+from ...core.geometry import BoolArray, FloatArray
 from ...editing.motion.keys import SAME
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled, SampledObject, Scaling, rigid, scaling_of
 from ..objects.animation import curves_of, keyed_values
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects, skipped_sensors, title_of
-from ..objects.trajectories import trajectory_of
+from ..objects.trajectories import local_poses, trajectory_of
 from .adjacent_frames import evaluate_beside, moved_by_keys
 from .stepping import completed, depsgraph_of, described, image_size, refuse_stretching, shown_names, static_items
 
@@ -115,25 +115,9 @@ class Sampler:
 
     def _local(self, obj: bpy.types.Object) -> FloatArray:
         """Return an object's own transform (N, 4, 4) by its keys."""
-        frames = self.clock.frames.tolist()
-        whole = np.tile(np.eye(4), (len(frames), 1, 1))
-        if obj.rotation_mode == "QUATERNION":
-            turns = keyed_values(obj, "rotation_quaternion", frames)
-            whole[:, :3, :3] = matrix_from_quaternion(
-                turns / np.maximum(np.linalg.norm(turns, axis=1, keepdims=True), 1e-12)
-            )
-        elif obj.rotation_mode == "AXIS_ANGLE":
-            whole[:, :3, :3] = np.array(obj.matrix_basis.to_quaternion().to_matrix(), float)
-        elif any(curve.data_path == "rotation_euler" for curve in curves_of(obj)):
-            angles = keyed_values(obj, "rotation_euler", frames)
-            whole[:, :3, :3] = [np.array(Euler(row, obj.rotation_mode).to_matrix(), float) for row in angles.tolist()]
-        else:
-            whole[:, :3, :3] = np.array(obj.rotation_euler.to_matrix(), float)
-        whole[:, :3, 3] = keyed_values(obj, "location", frames)
-        pending = self._pending(obj)
-        whole[:, :3, :3] = pending[:3, :3] @ whole[:, :3, :3]
+        whole, pending = local_poses(obj, self.clock.frames), self._pending(obj)
+        whole[:, :3, :3] = pending[:3, :3] @ whole[:, :3, :3] * keyed_values(obj, "scale", self.clock.frames)[:, None]
         whole[:, :3, 3] += pending[:3, 3]
-        whole[:, :3, :3] *= keyed_values(obj, "scale", frames)[:, None]
         return whole
 
     def _pending(self, obj: bpy.types.Object) -> FloatArray:

@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 
 from ...core.actor_images.names import group_of
-from ...core.geometry import BoolArray, FloatArray, make_pose
+from ...core.geometry import BoolArray, FloatArray
 from ...core.world.drive import Drive
 from ...editing.actors.table import (
     ActorCard,
@@ -25,10 +25,10 @@ from ...editing.motion.kinematics import motion_of
 from ...editing.motion.placement import Neighbour
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import UNIT, differs
-from ..objects.animation import keyed_values, shown_by_keys
+from ..objects.animation import shown_by_keys
 from ..objects.imported import class_of, imported_objects, is_copy
 from ..objects.meshes import scale_of, size_of
-from ..objects.trajectories import keyed_pose, trajectory_of
+from ..objects.trajectories import keyed_poses, trajectory_of
 
 NEAR_S = 2.0
 """Frames within this time tell an actor's speed at one."""
@@ -36,7 +36,7 @@ NEAR_S = 2.0
 
 def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock, original: bool) -> ActorTrack:
     """Return an actor's track; ``original`` tells whether the object stands for the recorded actor and is no copy."""
-    poses, there = poses_of(obj, clock.frames), there_of(obj, clock.frames)
+    poses, there = keyed_poses(obj, clock.frames), there_of(obj, clock.frames)
     label = class_of(obj, drive)
     return ActorTrack(
         obj.name, obj.unisim.uid, label, group_of(label), poses[:, :3, 3], there,
@@ -60,18 +60,6 @@ def is_edited(
     return differs(poses, there, actor, drive, clock)
 
 
-def poses_of(obj: bpy.types.Object, frames: FloatArray) -> FloatArray:
-    """Return where an object's own keys and its parents' put it at frames (N,), as poses in the world (N, 4, 4)."""
-    if obj.rotation_mode != "QUATERNION":
-        return np.stack([keyed_pose(obj, float(frame)) for frame in frames])
-    quaternions = keyed_values(obj, "rotation_quaternion", frames)
-    quaternions /= np.maximum(np.linalg.norm(quaternions, axis=1, keepdims=True), 1e-12)
-    own = make_pose(keyed_values(obj, "location", frames), quaternions)
-    if obj.parent is None:
-        return own
-    return poses_of(obj.parent, frames) @ np.array(obj.matrix_parent_inverse, float) @ own
-
-
 def there_of(obj: bpy.types.Object, frames: FloatArray) -> BoolArray:
     """Return whether keys show an object at frames (N,), and it is not removed."""
     return shown_by_keys(obj, frames) & (not obj.hide_render)
@@ -81,7 +69,7 @@ def neighbours(scene: bpy.types.Scene, new: Container[bpy.types.Object], drive: 
     """Return the actors of a scene beside new ones."""
     actors = [obj for obj in imported_objects(scene, "ACTOR") if obj not in new and not obj.hide_render]
     return [
-        Neighbour(poses_of(obj, clock.frames), there_of(obj, clock.frames), class_of(obj, drive), size_of(obj))
+        Neighbour(keyed_poses(obj, clock.frames), there_of(obj, clock.frames), class_of(obj, drive), size_of(obj))
         for obj in actors
     ]
 
@@ -89,7 +77,7 @@ def neighbours(scene: bpy.types.Scene, new: Container[bpy.types.Object], drive: 
 def ego_poses(scene: bpy.types.Scene, drive: Drive, clock: Clock) -> FloatArray:
     """Return the ego vehicle's poses (N, 4, 4), those that were recorded where it was deleted."""
     ego = next(imported_objects(scene, "EGO"), None)
-    return drive.world_from_ego.at(clock.times_s) if ego is None else poses_of(ego, clock.frames)
+    return drive.world_from_ego.at(clock.times_s) if ego is None else keyed_poses(ego, clock.frames)
 
 
 def card_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> ActorCard:
@@ -109,7 +97,7 @@ def speed_at(obj: bpy.types.Object, clock: Clock, frame: float) -> float:
     now = clock.times_s[clock.index(frame)]
     near = np.abs(clock.times_s - now) <= NEAR_S
     frames, times_s = clock.frames[near], clock.times_s[near]
-    speeds = motion_of(poses_of(obj, frames)[:, :3, 3], times_s, there_of(obj, frames)).speed_m_s
+    speeds = motion_of(keyed_poses(obj, frames)[:, :3, 3], times_s, there_of(obj, frames)).speed_m_s
     return float(speeds[np.flatnonzero(times_s == now)[0]])
 
 

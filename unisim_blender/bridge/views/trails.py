@@ -8,7 +8,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ...core.geometry import FloatArray, make_pose, transform_points
+from ...core.geometry import FloatArray, transform_points
 from ...core.world.drive import Camera, Drive
 from ...editing.layout.shapes import pyramid, ring
 from ...editing.layout.trails import RECORDED, TrailSegments, joined, own_lines, recorded_lines
@@ -16,11 +16,13 @@ from ...editing.motion.kinematics import Limits, MotionComparison, ObjectTrack, 
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import UNIT, rigid, same, same_place
 from ...editing.sensors.mounts import recorded_pose
-from ..objects.animation import curves_of, keyed_values, shown_by_keys
+from ..objects.animation import curves_of, shown_by_keys
 from ..objects.imported import class_of, is_copy
 from ..objects.meshes import scale_of
-from ..objects.trajectories import trajectory_of
+from ..objects.trajectories import keyed_poses, trajectory_of
 from .sensor_facts import recorded_sensor
+
+MOVING = ("location", "rotation_quaternion", "rotation_euler")
 
 
 def trail(obj: bpy.types.Object, drive: Drive, clock: Clock, frame: float) -> TrailSegments:
@@ -37,33 +39,11 @@ def trail(obj: bpy.types.Object, drive: Drive, clock: Clock, frame: float) -> Tr
 
 
 def trajectory_poses(obj: bpy.types.Object, clock: Clock) -> FloatArray | None:
-    """Return poses (N, 4, 4) at the clock's frames by an object's trajectory and its own keys; None where
-    nothing is keyed.
-
-    What moves the parents of both counts as it is now.
-    """
-    above = trajectory_of(obj)
-    if above is None:
-        return _keyed(obj, clock, np.array(obj.matrix_world @ obj.matrix_basis.inverted(), float))
-    base = above.parent
-    world = np.eye(4) if base is None else np.array(base.matrix_world @ above.matrix_parent_inverse, float)
-    poses = _keyed(above, clock, world)
-    if poses is None:
-        return None
-    inverse = np.array(obj.matrix_parent_inverse, float)
-    on = _keyed(obj, clock, np.eye(4))
-    return np.asarray(poses @ inverse @ (np.array(obj.matrix_basis, float) if on is None else on))
-
-
-def _keyed(obj: bpy.types.Object, clock: Clock, above: FloatArray) -> FloatArray | None:
-    """Poses (N, 4, 4) by an object's own keys, as Blender interpolates them, and goes on beyond the
-    first and the last."""
-    moving = [curve for curve in curves_of(obj) if curve.data_path in ("location", "rotation_quaternion")]
-    ends = [frame for curve in moving for frame in curve.range()]
-    if not ends or min(ends) == max(ends):
-        return None
-    places, quaternions = (keyed_values(obj, path, clock.frames) for path in ("location", "rotation_quaternion"))
-    return np.asarray(above @ make_pose(places, quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)))
+    """Return where keys put an object at the clock's frames (N, 4, 4); None where no key moves its trajectory, or itself
+    where it has none."""
+    curves = [curve for curve in curves_of(trajectory_of(obj) or obj) if curve.data_path in MOVING]
+    ends = [frame for curve in curves for frame in curve.range()]
+    return keyed_poses(obj, clock.frames) if ends and min(ends) < max(ends) else None
 
 
 def _recorded(obj: bpy.types.Object, drive: Drive, clock: Clock) -> tuple[FloatArray | None, FloatArray | None]:

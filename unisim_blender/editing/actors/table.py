@@ -186,19 +186,10 @@ def chosen_entries(entries: Sequence[Entry], wanted: ActorFilter) -> list[Entry]
     return sorted((entry for entry in entries if passes(entry)), key=orders[wanted.order])
 
 
-def natural(name: str) -> list[tuple[int, int, str]]:
+def natural(name: str) -> list[tuple[bool, int, str]]:
     """Return a key by which "Car 2" comes before "Car 10"."""
-    parts: list[tuple[int, int, str]] = []
-    number = ""
-    for letter in name.lower() + "\0":
-        if letter.isdigit():
-            number += letter
-            continue
-        if number:
-            parts.append((0, int(number), ""))
-            number = ""
-        parts.append((1, 0, letter))
-    return parts
+    parts = [part for part in re.split(r"([0-9]+)", name.lower()) if part]
+    return [(not part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]
 
 
 def nearest_present(entry: Entry, now_s: float) -> float | None:

@@ -7,11 +7,10 @@ Images here have their lowest row first, as Blender's have.
 
 from __future__ import annotations
 
-import threading
 from collections import OrderedDict
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +32,8 @@ HATCH_RGB, HATCH_ALPHA = (1.0, 0.02, 0.02), 0.4
 """Linear colour and opacity of the hatching over unsupported pixels."""
 MOST_DB = 99.0
 """Largest PSNR, which equal images have, dB."""
+Key = TypeVar("Key")
+Value = TypeVar("Value")
 PixelRectangle = tuple[int, int, int, int]
 """Left, bottom, width, height in pixels of a region."""
 
@@ -176,73 +177,51 @@ class ShownImage:
 
 
 class RecordedImages:
-    """Loads and keeps recorded images; no method waits for a file."""
+    """Loads and keeps recorded images in a thread; no method waits for a file."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
         self._pool: ThreadPoolExecutor | None = None
         self._decoded: OrderedDict[tuple[str, str, int], NDArray[np.uint8]] = OrderedDict()
-        self._shown: OrderedDict[tuple[object, ...], ShownImage] = OrderedDict()
-        self._loading: set[tuple[object, ...]] = set()
+        """The thread's own."""
+        self._shown: OrderedDict[tuple[object, ...], Future[ShownImage]] = OrderedDict()
 
     def get(self, request: RecordedImageRequest) -> ShownImage | None:
         """The image, if it is there; else it is fetched, and there a few drawings later."""
-        with self._lock:
-            shown = self._shown.get(request.key)
-            if shown is not None:
-                self._shown.move_to_end(request.key)
-                return shown
-        self.fetch(request)
-        return None
+        image = self.fetch(request)
+        return image.result() if image.done() else None
 
-    def fetch(self, request: RecordedImageRequest) -> None:
+    def fetch(self, request: RecordedImageRequest) -> Future[ShownImage]:
         """Have an image ready for when it is asked for."""
-        with self._lock:
-            if request.key in self._shown or request.key in self._loading:
-                return
-            self._loading.add(request.key)
+        if request.key not in self._shown:
             if self._pool is None:
                 self._pool = ThreadPoolExecutor(1, "recorded images")
-            self._pool.submit(self._load, request)
+            self._shown[request.key] = self._pool.submit(self._load, request)
+        return _newest(self._shown, request.key, MOST_SHOWN)
 
     def close(self) -> None:
         """Forget all images, and end the thread."""
-        with self._lock:
-            pool, self._pool = self._pool, None
-            self._decoded.clear()
-            self._shown.clear()
-        if pool is not None:
-            pool.shutdown(wait=False, cancel_futures=True)
-        with self._lock:
-            self._loading.clear()
+        if self._pool is not None:
+            self._pool.shutdown(wait=False, cancel_futures=True)
+        self._pool, self._decoded, self._shown = None, OrderedDict(), OrderedDict()
 
-    def _load(self, request: RecordedImageRequest) -> None:
-        try:
-            shown = resampled(self._image(request), request.placement)
-        except (UnisimError, OSError, ModuleNotFoundError) as fault:
-            shown = _failed(str(fault))
-        except Exception as fault:  # a thread's fault would be lost
-            shown = _failed(f"{request.log.path}: the image of {request.camera}, frame {request.frame}: {fault}")
-        with self._lock:
-            self._shown[request.key] = shown
-            self._loading.discard(request.key)
-            while len(self._shown) > MOST_SHOWN:
-                self._shown.popitem(last=False)
-
-    def _image(self, request: RecordedImageRequest) -> NDArray[np.uint8]:
-        """The recorded image (H, W, 3), decoded once for all views and sizes."""
+    def _load(self, request: RecordedImageRequest) -> ShownImage:
         key = str(request.log.path), request.camera, request.frame
-        with self._lock:
-            image = self._decoded.get(key)
-            if image is not None:
-                self._decoded.move_to_end(key)
-                return image
-        image = request.log.image(request.camera, request.frame)
-        with self._lock:
-            self._decoded[key] = image
-            while len(self._decoded) > MOST_DECODED:
-                self._decoded.popitem(last=False)
-        return image
+        try:
+            if key not in self._decoded:
+                self._decoded[key] = request.log.image(request.camera, request.frame)
+            return resampled(_newest(self._decoded, key, MOST_DECODED), request.placement)
+        except (UnisimError, OSError, ModuleNotFoundError) as fault:
+            return _failed(str(fault))
+        except Exception as fault:  # a thread's fault would be lost
+            return _failed(f"{request.log.path}: the image of {request.camera}, frame {request.frame}: {fault}")
+
+
+def _newest(cache: OrderedDict[Key, Value], key: Key, most: int) -> Value:
+    """Return what a cache has for a key, which counts as its newest now; of older ones ``most`` - 1 stay."""
+    cache.move_to_end(key)
+    while len(cache) > most:
+        cache.popitem(last=False)
+    return cache[key]
 
 
 def resampled(image: NDArray[np.uint8], placement: ImagePlacement) -> ShownImage:

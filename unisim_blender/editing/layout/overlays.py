@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 HORIZONTAL = ("HEADER", "TOOL_HEADER", "FOOTER", "ASSET_SHELF", "ASSET_SHELF_HEADER")
 """Regions of a 3D view that lie along its upper or lower edge; toolbar and sidebar lie along its sides."""
 EDGE_PX, GAP_PX = 12.0, 8.0
@@ -17,7 +19,8 @@ GIZMOS_PX = (106.0, 208.0)
 LOWER, TIMELINE, LOW_TIMELINE = 0.68, 0.34, 0.19
 """Shares of the free height that the overlays below the notices have at most, the timeline alone, and the timeline below
 others."""
-LEAST_TIMELINE_PX = 70.0
+LEAST_TIMELINE_PX, TIMELINE_HEIGHTS = 70.0, 12
+"""Least height of the timeline, and how many heights are tried."""
 GRAPH_SCALES = (1.0, 0.9, 0.8, 0.7, 0.6)
 """Sizes in which a graph is drawn; without room for the smallest, it is left out."""
 
@@ -88,61 +91,43 @@ def lay_out_overlays(
     """Return where the overlays are: ``wanted`` has width and height, at a scale of 1, of "timeline", "graph" and "legend" as
     far as they are shown. The timeline is as wide as the view, at least its width, and lower where there is less room; the
     graph is smaller then, or left out, and then the legend. ``gizmos``: whether Blender draws its own at the top right."""
-    low, high = free.bottom + BELOW_PX * scale, free.bottom + LOWER * free.height
+    sizes = {name: (scale * width, scale * height) for name, (width, height) in wanted.items()}
     gap, cut = GAP_PX * scale, GIZMOS_PX[0] * scale if gizmos else 0.0
+    low, high = free.bottom + BELOW_PX * scale, free.bottom + LOWER * free.height
     corner = Rectangle(free.right - cut, free.top - GIZMOS_PX[1] * scale, free.right, free.top)
-    if wanted.get("timeline", (0.0, 0.0))[0] * scale > free.width - 2 * gap:
-        wanted = {name: size for name, size in wanted.items() if name != "timeline"}
-    most_px = min(
-        wanted.get("timeline", (0.0, 0.0))[1] * scale,
-        (TIMELINE if set(wanted) <= {"timeline"} else LOW_TIMELINE) * free.height,
-    )
-    least_px = min(most_px, LEAST_TIMELINE_PX * scale)
-    overlays: dict[str, Rectangle] = {}
-    sizes = [(size, "legend" in wanted) for size in GRAPH_SCALES if "graph" in wanted]
-    for size, with_legend in (*sizes, (0.0, "legend" in wanted), (0.0, False)):
-        base = low + (least_px + gap if least_px else 0.0)
-        top = max(
-            [base - gap, *(box.top for box in corners(free, base, scale, wanted, size, with_legend, cut).values())]
-        )
-        more = max(0.0, min(most_px - least_px, high - top))
-        overlays = corners(free, base + more, scale, wanted, size, with_legend, cut)
-        if least_px:
-            beside = cut if low + least_px + more > corner.bottom else 0.0
-            overlays["timeline"] = Rectangle(free.left + gap, low, free.right - max(gap, beside), low + least_px + more)
-        boxes = overlays.values()
-        if all(box.left >= free.left and box.right <= free.right and box.top <= high for box in boxes) and not any(
-            box.meets(corner) for box in boxes
-        ):
-            break
-        overlays = {}
-    tops = [box.top + gap for box in overlays.values()]
-    text_top = free.top - TEXT_PX * scale
-    notices = Rectangle(free.left + gap, max([free.bottom, *tops]), free.right - max(gap, cut), text_top)
+    heights = np.zeros(1)
+    if "timeline" in sizes and sizes["timeline"][0] <= free.width - 2 * gap:
+        share = TIMELINE if len(sizes) == 1 else LOW_TIMELINE
+        most_px = min(sizes["timeline"][1], share * free.height)
+        heights = np.linspace(most_px, min(most_px, LEAST_TIMELINE_PX * scale), TIMELINE_HEIGHTS)
+
+    def placed(size: float, with_legend: bool, timeline_px: float) -> dict[str, Rectangle]:
+        """Return the timeline, above it the graph at the right in a size and the legend at the left, and the legend above
+        the graph where the view is not as wide as both."""
+        overlays, base = {}, low
+        if timeline_px:
+            beside = cut if low + timeline_px > corner.bottom else 0.0
+            overlays["timeline"] = Rectangle(free.left + gap, low, free.right - max(gap, beside), low + timeline_px)
+            base += timeline_px + gap
+        left, right = free.left + EDGE_PX * scale, free.right - EDGE_PX * scale
+        if size:
+            width, height = (size * edge for edge in sizes["graph"])
+            right = min(right, corner.left) if base + height > corner.bottom else right
+            overlays["graph"] = Rectangle(right - width, base, right, base + height)
+            base = base + height + gap if left + sizes.get("legend", (0.0, 0.0))[0] + gap > right - width else base
+        if with_legend:
+            width, height = sizes["legend"]
+            overlays["legend"] = Rectangle(left, base, left + width, base + height)
+        return overlays
+
+    def fits(box: Rectangle) -> bool:
+        return box.left >= free.left and box.right <= free.right and box.top <= high and not box.meets(corner)
+
+    legend = "legend" in sizes
+    graphs = [(size, legend) for size in GRAPH_SCALES if "graph" in sizes]
+    choices = [(*choice, height) for choice in (*graphs, (0.0, legend), (0.0, False)) for height in heights.tolist()]
+    layouts = ((size, placed(size, with_legend, height)) for size, with_legend, height in choices)
+    size, overlays = next((each for each in layouts if all(map(fits, each[1].values()))), (0.0, {}))
+    over = max([free.bottom, *(box.top + gap for box in overlays.values())])
+    notices = Rectangle(free.left + gap, over, free.right - max(gap, cut), free.top - TEXT_PX * scale)
     return OverlayLayout(free, notices, overlays, size * scale)
-
-
-def corners(
-    free: Rectangle,
-    low: float,
-    scale: float,
-    wanted: Mapping[str, tuple[float, float]],
-    size: float,
-    with_legend: bool,
-    cut: float,
-) -> dict[str, Rectangle]:
-    """Return where graph and legend are above ``low``, at the right and at the left, and the legend above the graph where
-    both are not as wide as the view. ``size`` is the graph's, 0 for none; ``cut`` the width of Blender's gizmos."""
-    placed = {}
-    left, right = free.left + EDGE_PX * scale, free.right - EDGE_PX * scale
-    if size:
-        width, height = (size * scale * edge for edge in wanted["graph"])
-        if low + height > free.top - GIZMOS_PX[1] * scale:
-            right = min(right, free.right - cut)
-        placed["graph"] = Rectangle(right - width, low, right, low + height)
-    if with_legend:
-        width, height = (scale * edge for edge in wanted["legend"])
-        over = "graph" in placed and left + width + GAP_PX * scale > placed["graph"].left
-        bottom = placed["graph"].top + GAP_PX * scale if over else low
-        placed["legend"] = Rectangle(left, bottom, left + width, bottom + height)
-    return placed

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.colour import srgb_from_linear
-from ...core.geometry import BoolArray, FloatArray
+from ...core.geometry import FloatArray
 from ..sensors.sweeps import (
     DROPS,
     RECORDED,
@@ -24,16 +24,18 @@ from ..sensors.sweeps import (
     ViewedSweep,
     beam_ranges,
     range_differences,
+    returns_alone,
     returns_in_the_other,
     stray_points,
     sweep_metrics,
 )
 from ..texts import Text
 from .chart import ticks
-from .shapes import class_colour
-from .speed_graph import INK, PAPER, GraphShapes
+from .shapes import OverlayShapes, class_colour
+from .speed_graph import INK, PAPER
 
-SWEEP_COLOURS = {RECORDED: (1.0, 0.85, 0.2), SIMULATED: (0.2, 0.8, 1.0)}
+RGB = tuple[float, float, float]
+SWEEP_COLOURS: dict[str, RGB] = {RECORDED: (1.0, 0.85, 0.2), SIMULATED: (0.2, 0.8, 1.0)}
 """Of a sweep by its kind, where all of its points have one colour, and of returns and drops that only it has."""
 KINDS = {RECORDED: Text("recorded"), SIMULATED: Text("simulated")}
 GREY = (0.55, 0.55, 0.55)
@@ -55,20 +57,23 @@ DIVERGING = (
     (0.16, 0.34, 0.95), (0.55, 0.68, 0.97), (0.95, 0.95, 0.95), (0.97, 0.62, 0.48), (0.88, 0.16, 0.10)
 )  # fmt: skip
 """Blue, white, red: colour-blind people can tell its ends apart."""
-MAPS = {"INTENSITY": VIRIDIS, "DEPTH": TURBO, "RING": VIRIDIS, "DIFFERENCE": DIVERGING}
-TITLES = {
-    "ONE": Text("LiDAR points"),
-    "INTENSITY": Text("Intensity"),
-    "DEPTH": Text("Range (m)"),
-    "RING": Text("Ring (0: highest beam)"),
-    "INSTANCE": Text("Actors by class"),
-    "DIFFERENCE": Text("Recorded minus simulated range (m)"),
+
+
+MOST = Text("Scale: {low:g}nd to {high:g}th percentile, rounded", low=ENDS[0], high=ENDS[1])
+LEAST = Text("Scale: {share:g}th percentile of absolute differences, rounded", share=DIFFERENT)
+COLOURINGS: dict[str, tuple[Text, Sequence[RGB], tuple[Text, ...]]] = {
+    "ONE": (Text("LiDAR points"), (), ()),
+    "INTENSITY": (Text("Intensity"), VIRIDIS, (MOST,)),
+    "DEPTH": (Text("Range (m)"), TURBO, (MOST,)),
+    "RING": (Text("Ring (0: highest beam)"), VIRIDIS, ()),
+    "INSTANCE": (Text("Actors by class"), (), ()),
+    "DIFFERENCE": (Text("Recorded minus simulated range (m)"), DIVERGING, (LEAST,)),
 }
+"""By what colours points: the legend's title, a map where there is one, and what the map's ends are."""
 SHADES = (1.0, 0.55, 1.6, 0.75, 1.3)
 """Factors of a class's colour, by which actors of one class differ; above 1, the rest is white."""
 MOST_CLASSES = 8
 PointColours = NDArray[np.float32]
-RGB = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -84,58 +89,39 @@ class PointLegend:
 def coloured(sweeps: Sequence[ViewedSweep], by: str) -> tuple[list[PointColours], PointLegend]:
     """Return the colours (N, 4) of each sweep's points, by ONE, INTENSITY, DEPTH, RING, INSTANCE or DIFFERENCE, and their
     legend. Points without what is asked for are grey."""
-    ranges = beam_ranges(sweeps)
+    ranges, bar, (title, colour_map, ends) = beam_ranges(sweeps), None, COLOURINGS[by]
     returns = [sweep for sweep in sweeps if sweep.kind in SWEEP_COLOURS]
-    bar, lines = None, list[Text]()
-    entries: list[tuple[RGB, str]] = [
-        (SWEEP_COLOURS[kind], KINDS[kind]) for kind in SWEEP_COLOURS if kind in {one.kind for one in returns}
-    ]
-    if by == "INSTANCE":
-        entries = [*classes_of(returns), (GREY, Text("no actor"))]
-    elif by != "ONE":
+    if colour_map:
         values = np.concatenate([np.zeros(0), *(values_by(sweep, by, ranges) for sweep in returns)])
-        bar, entries = (MAPS[by], *scale_ends(values[np.isfinite(values)], by)), []
-        if by == "DIFFERENCE":
-            entries = one_sided(returns, ranges)
-            lines = [Text("Scale: {share:g}th percentile of absolute differences, rounded", share=DIFFERENT)]
-        elif by != "RING":
-            lines = [Text("Scale: {low:g}nd to {high:g}th percentile, rounded", low=ENDS[0], high=ENDS[1])]
+        bar = (colour_map, *scale_ends(values[np.isfinite(values)], by))
+        entries = one_sided(returns, ranges) if by == "DIFFERENCE" else []
+    elif by == "INSTANCE":
+        entries = [*classes_of(returns), (GREY, Text("no actor"))]
+    else:
+        shown = {sweep.kind for sweep in returns}
+        entries = [(SWEEP_COLOURS[kind], KINDS[kind]) for kind in SWEEP_COLOURS if kind in shown]
 
     def colours_of(sweep: ViewedSweep) -> PointColours:
         if sweep.kind not in SWEEP_COLOURS:
             return drop_colours(sweep, ranges)
-        if by == "ONE":
-            rgb = np.tile(SWEEP_COLOURS[sweep.kind], (len(sweep.points), 1))
-        elif bar is None:
-            rgb = actor_colours(sweep)
-        else:
+        rgb = actor_colours(sweep) if by == "INSTANCE" else np.tile(SWEEP_COLOURS[sweep.kind], (len(sweep.points), 1))
+        if bar is not None:
             rgb = map_colours(bar[0], (values_by(sweep, by, ranges) - bar[1]) / (bar[2] - bar[1]))
-        if by == "DIFFERENCE" and ranges:
-            rgb[alone(sweep, ranges)] = SWEEP_COLOURS[sweep.kind]
+        if by == "DIFFERENCE":
+            rgb[returns_alone(sweep, ranges)] = SWEEP_COLOURS[sweep.kind]
         return np.concatenate([rgb, np.ones((len(rgb), 1))], -1).astype(np.float32)
 
-    legend = PointLegend(TITLES[by], bar, tuple(entries), (*lines, *summary(returns, ranges)))
+    legend = PointLegend(title, bar, tuple(entries), (*ends, *summary(returns, ranges)))
     return [colours_of(sweep) for sweep in sweeps], legend
-
-
-def alone(sweep: ViewedSweep, ranges: Mapping[str, BeamRanges]) -> BoolArray:
-    """Return which points (N,) are of beams that did not return in the other sweep."""
-    cells = sweep.attributes.get("cell", np.full(len(sweep.points), -1)).astype(int)
-    if sweep.lidar not in ranges:
-        return np.zeros(len(cells), bool)
-    known = ranges[sweep.lidar].known if sweep.kind == SIMULATED else np.ones_like(ranges[sweep.lidar].known)
-    return (cells >= 0) & known[cells] & ~returns_in_the_other(sweep, ranges)
 
 
 def one_sided(sweeps: Sequence[ViewedSweep], ranges: Mapping[str, BeamRanges]) -> list[tuple[RGB, str]]:
     """Return entries that count the beams that return in one sweep alone."""
     words = {RECORDED: "Only recorded: {count}", SIMULATED: "Only simulated: {count}"}
-    counts = Counter({kind: 0 for kind in SWEEP_COLOURS if ranges})
-    for sweep in sweeps:
-        counts[sweep.kind] += int(alone(sweep, ranges).sum()) if ranges else 0
-    entries: list[tuple[RGB, str]] = [
-        (SWEEP_COLOURS[kind], Text(words[kind], count=count)) for kind, count in counts.items() if ranges
-    ]
+    entries: list[tuple[RGB, str]] = []
+    for kind, text in words.items() if ranges else ():
+        count = sum(int(returns_alone(sweep, ranges).sum()) for sweep in sweeps if sweep.kind == kind)
+        entries.append((SWEEP_COLOURS[kind], Text(text, count=count)))
     return [*entries, (GREY, Text("not compared"))]
 
 
@@ -215,26 +201,22 @@ def classes_of(sweeps: Sequence[ViewedSweep]) -> list[tuple[RGB, str]]:
 def summary(sweeps: Sequence[ViewedSweep], ranges: Mapping[str, BeamRanges]) -> tuple[Text, ...]:
     """Return how many points there are, and how far the sweeps are apart, as `unisim eval` counts it."""
     counts = {kind: sum(len(sweep.points) for sweep in sweeps if sweep.kind == kind) for kind in SWEEP_COLOURS}
-    shown = {kind for kind in counts if any(sweep.kind == kind for sweep in sweeps)}
-    lines = []
-    if len(shown) == 2:
-        lines.append(Text("Points: {recorded} recorded, {simulated} simulated", **counts))
-        metrics = sweep_metrics(ranges)
-        if len({sweep.frame for sweep in sweeps if len(sweep.points)}) > 1:
-            lines.append(Text("Not compared: the points are of two frames"))
-        elif metrics is None or not np.isfinite(metrics["depth_median_m"]):
-            lines.append(Text("Not compared: the beams are not the recorded ones"))
-        else:
-            values = {"error": metrics["depth_median_m"], "drops": 100 * metrics["drop_accuracy"]}
-            lines.append(Text("Median range error {error:.3f} m, drops agree in {drops:.1f} % of the beams", **values))
-            stray = {"count": stray_points(sweeps, ranges), "distance": STRAY_M}
-            lines.append(
-                Text("Stray: {count} simulated points {distance:g} m or more in front of the recorded", **stray)
-            )
-    elif shown:
-        (kind,) = shown
-        lines.append(Text("Points: {count} {kind}", count=counts[kind], kind=KINDS[kind]))
-    return tuple(lines)
+    shown = {sweep.kind for sweep in sweeps}
+    if len(shown) < 2:
+        return tuple(Text("Points: {count} {kind}", count=counts[kind], kind=KINDS[kind]) for kind in shown)
+    points = Text("Points: {recorded} recorded, {simulated} simulated", **counts)
+    if len({sweep.frame for sweep in sweeps if len(sweep.points)}) > 1:
+        return points, Text("Not compared: the points are of two frames")
+    metrics = sweep_metrics(ranges)
+    if metrics is None or not np.isfinite(metrics["depth_median_m"]):
+        return points, Text("Not compared: the beams are not the recorded ones")
+    values = {"error": metrics["depth_median_m"], "drops": 100 * metrics["drop_accuracy"]}
+    stray = {"count": stray_points(sweeps, ranges), "distance": STRAY_M}
+    return (
+        points,
+        Text("Median range error {error:.3f} m, drops agree in {drops:.1f} % of the beams", **values),
+        Text("Stray: {count} simulated points {distance:g} m or more in front of the recorded", **stray),
+    )
 
 
 WIDTH, ROW, MARGIN, BAR = 300, 17, 8, 10
@@ -242,12 +224,12 @@ WIDTH, ROW, MARGIN, BAR = 300, 17, 8, 10
 PIECES = 60
 
 
-def legend_shapes(legend: PointLegend, text_width: Callable[[str], float]) -> tuple[GraphShapes, float, float]:
+def legend_shapes(legend: PointLegend, text_width: Callable[[str], float]) -> tuple[OverlayShapes, float, float]:
     """Return a legend's shapes, and its width and height in pixels; ``text_width`` measures a text."""
     rows = 1 + (2 if legend.bar is not None else 0) + len(legend.entries) + len(legend.lines)
     texts = [legend.title, *(text for _, text in legend.entries), *legend.lines]
     width = max([WIDTH, *(text_width(text) + 2 * MARGIN + ROW for text in texts)])
-    height, shapes = 2.0 * MARGIN + ROW * rows, GraphShapes()
+    height, shapes = 2.0 * MARGIN + ROW * rows, OverlayShapes()
     shapes.box(0, 0, width, height, PAPER)
     y = height - MARGIN - ROW + 4
     shapes.texts.append((legend.title, MARGIN, y, INK))

@@ -1,11 +1,13 @@
-"""Colours of classes of actors; shapes of actors' boxes, of gizmos as the corners of triangles, and of sensors as line
-segments: a camera's pyramid and a LiDAR's ring."""
+"""Colours of classes of actors; shapes of what is drawn over a view, of actors' boxes, of gizmos as the corners of
+triangles, and of sensors as line segments: a camera's pyramid and a LiDAR's ring."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core.geometry import FloatArray
 from ...core.world.drive import Camera
@@ -26,6 +28,45 @@ def class_colour(label: str) -> tuple[float, float, float]:
     """The colour of a class of actors."""
     words = label.lower()
     return next((colour for word, colour in COLOURS.items() if word in words), OTHER_COLOUR)
+
+
+Colour = tuple[float, ...]
+
+
+@dataclass
+class OverlayShapes:
+    """Triangles (3 T, 2) with a colour for each corner, and texts as (text, x, y, colour), y up."""
+
+    corners: list[Sequence[float]] = field(default_factory=list)
+    colours: list[Colour] = field(default_factory=list)
+    texts: list[tuple[str, float, float, Colour]] = field(default_factory=list)
+
+    def box(self, x: float, y: float, width: float, height: float, colour: Colour) -> None:
+        """Add a rectangle."""
+        self._quad((x, y), (x + width, y), (x + width, y + height), (x, y + height), colour)
+
+    def line(self, points: FloatArray, width: float, colours: Sequence[Colour]) -> None:
+        """Add a line through points (P, 2), a colour for each of its pieces; a piece with a NaN is left out."""
+        for (a, b), colour in zip(zip(points[:-1], points[1:], strict=True), colours, strict=True):
+            along = b - a
+            length = float(np.hypot(*along))
+            if np.isfinite(length) and length >= 1e-9:
+                side = np.array([-along[1], along[0]]) / length * width / 2
+                self._quad(a - side, b - side, b + side, a + side, colour)
+
+    def arrays(
+        self, corner: Sequence[float] | FloatArray = (0.0, 0.0), scale: float = 1.0
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the triangles' corners (N, 3), scaled and moved to a lower left corner, and their colours (N, 4)."""
+        points = np.zeros((len(self.corners), 3), np.float32)
+        points[:, :2] = np.asarray(corner) + scale * np.reshape(self.corners, (-1, 2))
+        return points, np.asarray(self.colours, np.float32)
+
+    def _quad(
+        self, a: Sequence[float], b: Sequence[float], c: Sequence[float], d: Sequence[float], colour: Colour
+    ) -> None:
+        self.corners += [a, b, c, a, c, d]
+        self.colours += [colour] * 6
 
 
 DISPLAY_M = 0.4

@@ -3,8 +3,7 @@ draws it needs a GPU."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from ..motion.retiming import instant
 from ..sampled.clock import Clock
 from ..texts import Text, kmh, series
 from .chart import ticks
+from .shapes import OverlayShapes
 
 WIDTH, HEIGHT = 440, 214
 """Of the graph, in pixels at Blender's resolution scale 1."""
@@ -33,35 +33,6 @@ RECORDED, EDITED, OVER, NOW = (
 STRIPS = {"acceleration_m_s2": Text("accel."), "lateral_m_s2": Text("lateral"), "curvature_1_m": Text("curv.")}
 UNITS = {"acceleration_m_s2": "m/s²", "lateral_m_s2": "m/s²", "curvature_1_m": "1/m"}
 KMH = 3.6
-
-Colour = tuple[float, float, float, float]
-
-
-@dataclass
-class GraphShapes:
-    """Triangles (3 T, 2) with a colour for each corner, and texts as (text, x, y, colour), y up from the
-    graph's lower left."""
-
-    corners: list[FloatArray] = field(default_factory=list)
-    colours: list[Colour] = field(default_factory=list)
-    texts: list[tuple[str, float, float, Colour]] = field(default_factory=list)
-
-    def box(self, x: float, y: float, width: float, height: float, colour: Colour) -> None:
-        """Add a rectangle."""
-        a, b, c, d = (np.array(p, float) for p in ((x, y), (x + width, y), (x + width, y + height), (x, y + height)))
-        self.corners += [a, b, c, a, c, d]
-        self.colours += [colour] * 6
-
-    def line(self, points: FloatArray, width: float, colours: Sequence[Colour]) -> None:
-        """Add a line through points (P, 2), a colour for each of its pieces; a piece with a NaN is left out."""
-        for (a, b), colour in zip(zip(points[:-1], points[1:], strict=True), colours, strict=True):
-            along = b - a
-            length = float(np.hypot(*along))
-            if not np.isfinite(length) or length < 1e-9:
-                continue
-            side = np.array([-along[1], along[0]]) / length * width / 2
-            self.corners += [a - side, b - side, b + side, a - side, b + side, a + side]
-            self.colours += [colour] * 6
 
 
 @dataclass(frozen=True)
@@ -119,10 +90,10 @@ def grip(
     limit_m_s2: float,
     top_m_s: float,
     speed_m_s: float | None = None,
-) -> GraphShapes:
+) -> OverlayShapes:
     """Return what shows where the curve is dragged: a dot with the speed, the curve's or a given one, how far the drag
     reaches and lines as steep as the limit of acceleration; neither where it is 0."""
-    shapes, axes = GraphShapes(), axes_of(graph, top_m_s)
+    shapes, axes = OverlayShapes(), axes_of(graph, top_m_s)
     speed = float(speed_of(graph, time_s))
     x, y = float(axes.x(np.array(time_s))), float(axes.y(np.array(speed)))
     inside = np.clip(np.array([time_s - reach_s, time_s + reach_s]), axes.first_s, axes.last_s)
@@ -141,9 +112,9 @@ def grip(
     return shapes
 
 
-def curves(graph: MotionComparison, top_m_s: float = 0.0) -> GraphShapes:
+def curves(graph: MotionComparison, top_m_s: float = 0.0) -> OverlayShapes:
     """Return what changes with the motion alone: axes, curves, and strips that are red where a limit is exceeded."""
-    shapes, axes = GraphShapes(), axes_of(graph, top_m_s)
+    shapes, axes = OverlayShapes(), axes_of(graph, top_m_s)
     shapes.box(0, 0, WIDTH, HEIGHT, PAPER)
     right, times = WIDTH - RIGHT, graph.now.times_s
     for speed in ticks(0.0, axes.top_m_s * KMH):
@@ -180,9 +151,9 @@ def low_of_strip(i: int) -> float:
     return float(BOTTOM - 28 - (i + 1) * STRIP - i * STRIP_GAP)
 
 
-def moment(graph: MotionComparison, frame: float, top_m_s: float = 0.0) -> GraphShapes:
+def moment(graph: MotionComparison, frame: float, top_m_s: float = 0.0) -> OverlayShapes:
     """Return what changes with the frame that is shown: its line, and the values there."""
-    shapes, axes = GraphShapes(), axes_of(graph, top_m_s)
+    shapes, axes = OverlayShapes(), axes_of(graph, top_m_s)
     time_s = float(np.interp(frame, graph.frames, graph.now.times_s))
     column = float(axes.x(np.array(time_s)))
     low = low_of_strip(len(QUANTITIES) - 1)

@@ -3,17 +3,16 @@ drawn."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ...core.colour import srgb_from_linear
 from ..actors.table import Entry, nearest_present
-from ..texts import Text, counted
+from ..texts import Text, counted, shortened
 from .overlays import Rectangle
-from .shapes import class_colour
+from .shapes import OverlayShapes, class_colour
 
 ROW_PX, AXIS_PX, NOW_PX, NAMES_PX, EDGE_PX = 16.0, 20.0, 16.0, 150.0, 8.0
 """Heights of a row, of the axis and of the time above it, width of the names, and distance of the bars from the edge; on
@@ -134,6 +133,7 @@ ACTIVE_ROW = (1.0, 1.0, 1.0, 0.16)
 EDITED = (1.0, 1.0, 1.0, 1.0)
 NOW = (0.30, 0.55, 0.95, 1.0)
 TICK = (1.0, 1.0, 1.0, 0.12)
+TEXT, FAINT_TEXT = (0.92, 0.92, 0.92, 1.0), (0.62, 0.62, 0.62, 1.0)
 
 
 def rows_text(timeline: Timeline) -> str:
@@ -146,38 +146,38 @@ def rows_text(timeline: Timeline) -> str:
     return Text("{first}–{last} of {count}", first=timeline.first + 1, last=last, count=timeline.count)
 
 
-def rectangles(timeline: Timeline, now_s: float, active: int | None, scale: float) -> tuple[Any, Any]:
-    """Return the corners (N, 3) of the triangles that are drawn, and their colours (N, 4)."""
-    boxes: list[tuple[float, float, float, float, tuple[float, ...]]] = []
-
-    def rectangle(left: float, bottom: float, right: float, top: float, colour: tuple[float, ...]) -> None:
-        boxes.append((left, bottom, right, top, colour))
-
-    rectangle(timeline.left, timeline.bottom, timeline.right, timeline.top, BACKGROUND)
+def shapes_of(
+    timeline: Timeline, now_s: float, active: int | None, scale: float, text_width: Callable[[str], float]
+) -> OverlayShapes:
+    """Return what is drawn, in pixels of the view; ``active`` is the key of the active actor, and ``text_width`` measures
+    a text."""
+    shapes, (left, right) = OverlayShapes(), (timeline.left, timeline.right)
+    shapes.box(left, timeline.bottom, right - left, timeline.top - timeline.bottom, BACKGROUND)
     for row, entry in enumerate(timeline.rows):
-        bottom = timeline.row_bottom(row)
         if entry.key == active or row % 2:
             colour = ACTIVE_ROW if entry.key == active else EVEN_ROW
-            rectangle(timeline.left, bottom, timeline.right, bottom + timeline.row_px, colour)
+            shapes.box(left, timeline.row_bottom(row), right - left, timeline.row_px, colour)
     for time_s in timeline.ticks():
         x = timeline.x_of(time_s)
-        rectangle(x, timeline.bottom, x + 1, timeline.top, TICK)
-    inset, line = 3 * scale, 1.5 * scale
+        shapes.box(x, timeline.bottom, 1, timeline.top - timeline.bottom, TICK)
+        shapes.texts.append((f"{time_s:g}", x + 3 * scale, timeline.rows_top + 5 * scale, FAINT_TEXT))
+    inset, rim = 3 * scale, 1.5 * scale
     for row, entry in enumerate(timeline.rows):
-        bottom = timeline.row_bottom(row)
-        for left, right in timeline.bars(entry):
+        bottom, height = timeline.row_bottom(row) + inset, timeline.row_px - 2 * inset
+        for start, end in timeline.bars(entry):
             if entry.edited:
-                rectangle(
-                    left - line, bottom + inset - line, right + line, bottom + timeline.row_px - inset + line, EDITED
-                )
-            rectangle(left, bottom + inset, right, bottom + timeline.row_px - inset, colour_of(entry))
-    x = timeline.x_of(now_s)
-    rectangle(x - scale, timeline.bottom, x + scale, timeline.top, NOW)
-    corners = np.array(
-        [[(a, b), (c, b), (c, d), (a, b), (c, d), (a, d)] for a, b, c, d, _ in boxes], np.float32
-    ).reshape(-1, 2)
-    colours = np.repeat(np.array([colour for *_, colour in boxes], np.float32), 6, 0)
-    return np.column_stack([corners, np.zeros(len(corners), np.float32)]), colours
+                shapes.box(start - rim, bottom - rim, end - start + 2 * rim, height + 2 * rim, EDITED)
+            shapes.box(start, bottom, end - start, height, colour_of(entry))
+        name = shortened(entry.name + (" *" if entry.edited else ""), timeline.start - left - 12 * scale, text_width)
+        shapes.texts.append((name, left + 6 * scale, bottom + scale, TEXT if entry.there else FAINT_TEXT))
+    shapes.texts.append((rows_text(timeline), left + 6 * scale, timeline.rows_top + 5 * scale, FAINT_TEXT))
+    now, label = timeline.x_of(now_s), f"{now_s:.2f} s"
+    shapes.box(now - scale, timeline.bottom, 2 * scale, timeline.top - timeline.bottom, NOW)
+    width = text_width(label)
+    x = min(now + 4 * scale, right - width - 4 * scale)
+    shapes.box(x - 4 * scale, timeline.top, width + 8 * scale, NOW_PX * scale, BACKGROUND)
+    shapes.texts.append((label, x, timeline.top + 4 * scale, TEXT))
+    return shapes
 
 
 def colour_of(entry: Entry) -> tuple[float, ...]:

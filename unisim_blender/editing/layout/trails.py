@@ -11,14 +11,13 @@ import numpy as np
 from ...core.geometry import BoolArray, FloatArray, box_corners
 from ...core.simulation.vehicle.parameters import Vehicle
 from ..sampled.clock import Clock
+from ..sensors.lenses import EDGES
 from ..simulation.rollouts import PlannedPath
 
 SLOW, FAST = np.array([0.1, 0.35, 1.0]), np.array([1.0, 0.25, 0.1])
 RECORDED = np.array([0.7, 0.7, 0.7, 1.0])
 FASTEST_M_S = 15.0
 TICK_M = 0.4
-EDGES = [(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)]
-"""Of a box, by the numbers of `box_corners`."""
 PLAN = np.array([0.1, 0.9, 0.35, 1.0])
 GHOST = np.array([0.75, 0.75, 0.85, 0.8])
 DRIVEN = np.array([1.0, 0.75, 0.1, 1.0])
@@ -130,7 +129,7 @@ def path_lines(positions: FloatArray, colour: FloatArray = GHOST * [1, 1, 1, 0.5
 
 
 def _box(pose: FloatArray, size_m: FloatArray) -> FloatArray:
-    return box_corners(pose, size_m)[np.array(EDGES).ravel()]
+    return box_corners(pose, size_m)[EDGES.ravel()]
 
 
 def _pairs(values: FloatArray) -> FloatArray:

@@ -4,7 +4,7 @@ beam."""
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -44,13 +44,19 @@ class ViewedSweep:
     classes: tuple[str, ...] = ()
     frame: float = 0.0
 
+    @property
+    def cells(self) -> NDArray[np.int64]:
+        """The cell of each point (N,), -1 where no beam is known."""
+        return np.asarray(self.attributes.get("cell", np.full(len(self.points), -1)), np.int64)
+
 
 def recorded_sweeps(source: DriveSource, frame: int, drops: bool = False) -> list[ViewedSweep]:
     """Read the recorded returns of a frame, of every LiDAR, from the log's files, with ``drops`` also beams that did not
     return; in any thread."""
-    log, sweeps = source.log, []
-    for name, lidar in source.drive.lidars.items() if log is not None else ():
-        assert log is not None
+    log, sweeps = source.log, list[ViewedSweep]()
+    if log is None:
+        return sweeps
+    for name, lidar in source.drive.lidars.items():
         if frame not in log.sweep_frames(name):
             kinds = (RECORDED, DROPS[RECORDED]) if drops else (RECORDED,)
             sweeps += [ViewedSweep(name, kind, np.zeros((0, 3)), frame=frame) for kind in kinds]
@@ -145,13 +151,11 @@ def _with_actors(
 
 
 class BeamRanges(NamedTuple):
-    """Ranges of one LiDAR by cell (C,), NaN where a beam did not return; ``known`` (C,): cells of recorded returns and
-    drops. ``drops``: whether recorded drops are known."""
+    """Ranges and intensities of one LiDAR by kind of sweep and cell (C,), NaN where a beam did not return; ``known`` (C,):
+    cells of recorded returns and drops. ``drops``: whether recorded drops are known."""
 
-    recorded: FloatArray
-    simulated: FloatArray
-    recorded_intensity: FloatArray
-    simulated_intensity: FloatArray
+    range_m: Mapping[str, FloatArray]
+    intensity: Mapping[str, FloatArray]
     known: BoolArray
     drops: bool
 
@@ -161,51 +165,54 @@ def beam_ranges(sweeps: Sequence[ViewedSweep]) -> dict[str, BeamRanges]:
     ranges = {}
     for lidar in {sweep.lidar for sweep in sweeps}:
         own = {sweep.kind: sweep for sweep in sweeps if sweep.lidar == lidar}
-        cells = {kind: sweep.attributes.get("cell", np.zeros(0, np.int64)).astype(int) for kind, sweep in own.items()}
-        if any((cells.get(kind, np.zeros(0)) < 0).all() for kind in (RECORDED, SIMULATED)):
+        compared = [own[kind] for kind in (RECORDED, SIMULATED) if kind in own and (own[kind].cells >= 0).any()]
+        if len(compared) < 2 or compared[0].frame != compared[1].frame:
             continue
-        if own[RECORDED].frame != own[SIMULATED].frame:
-            continue
-        count = 1 + max(int(values.max(initial=-1)) for values in cells.values())
-        tables = {}
-        for kind in (RECORDED, SIMULATED):
-            depth = own[kind].attributes["depth"].astype(float)
-            order = np.flatnonzero(cells[kind] >= 0)
-            if np.bincount(cells[kind][order]).max(initial=0) > 1:  # of two in a cell the nearer stays
-                order = order[np.argsort(-depth[order], kind="stable")]
-            for name in ("depth", "intensity"):
-                tables[kind, name] = np.full(count, np.nan)
-                tables[kind, name][cells[kind][order]] = own[kind].attributes[name][order]
-        known = np.isfinite(tables[RECORDED, "depth"])
-        dropped = cells.get(DROPS[RECORDED])
+        count = 1 + max(int(sweep.cells.max(initial=-1)) for sweep in own.values())
+        depth, intensity = (
+            {sweep.kind: _by_cell(sweep, name, count) for sweep in compared} for name in ("depth", "intensity")
+        )
+        known = np.isfinite(depth[RECORDED])
+        dropped = own.get(DROPS[RECORDED])
         if dropped is not None:
-            known[dropped[dropped >= 0]] = True
-        ranges[lidar] = BeamRanges(
-            tables[RECORDED, "depth"], tables[SIMULATED, "depth"], tables[RECORDED, "intensity"],
-            tables[SIMULATED, "intensity"], known, dropped is not None,
-        )  # fmt: skip
+            known[dropped.cells[dropped.cells >= 0]] = True
+        ranges[lidar] = BeamRanges(depth, intensity, known, dropped is not None)
     return ranges
+
+
+def _by_cell(sweep: ViewedSweep, name: str, count: int) -> FloatArray:
+    """Return an attribute of a sweep's points by their cells (C,), NaN for others; of two in a cell, the nearer's."""
+    points, values = np.flatnonzero(sweep.cells >= 0), np.full(count, np.nan)
+    points = points[np.argsort(-sweep.attributes["depth"].astype(float)[points], kind="stable")]
+    values[sweep.cells[points]] = sweep.attributes[name][points]
+    return values
+
+
+def _of_beams(
+    sweep: ViewedSweep, ranges: Mapping[str, BeamRanges], table: Callable[[BeamRanges], Any], nothing: float
+) -> NDArray[Any]:
+    """Return what a table (C,) says of the beam of each point (N,), ``nothing`` where beams are not compared."""
+    if sweep.lidar not in ranges:
+        return np.full(len(sweep.points), nothing)
+    return np.append(table(ranges[sweep.lidar]), nothing)[sweep.cells]
 
 
 def range_differences(sweep: ViewedSweep, ranges: Mapping[str, BeamRanges]) -> FloatArray:
     """Return the recorded minus the simulated range (N,) of the beam of each point, in metres; NaN where only one
     returns, or they are not the same beams."""
-    differences = np.full(len(sweep.points), np.nan)
-    if sweep.lidar in ranges:
-        cells, both = sweep.attributes["cell"].astype(int), ranges[sweep.lidar]
-        known = cells >= 0
-        differences[known] = (both.recorded - both.simulated)[cells[known]]
-    return differences
+    return _of_beams(sweep, ranges, lambda both: both.range_m[RECORDED] - both.range_m[SIMULATED], np.nan)
 
 
 def returns_in_the_other(sweep: ViewedSweep, ranges: Mapping[str, BeamRanges]) -> BoolArray:
     """Return whether the beam of each point (N,), of a recorded or simulated sweep, returned in the other one."""
-    returned = np.zeros(len(sweep.points), bool)
-    if sweep.lidar in ranges:
-        cells, both = sweep.attributes["cell"].astype(int), ranges[sweep.lidar]
-        other = both.simulated if sweep.kind in (RECORDED, DROPS[RECORDED]) else both.recorded
-        returned = (cells >= 0) & np.isfinite(other[np.minimum(cells, len(other) - 1)])
-    return returned
+    other = SIMULATED if sweep.kind in (RECORDED, DROPS[RECORDED]) else RECORDED
+    return _of_beams(sweep, ranges, lambda both: np.isfinite(both.range_m[other]), False)
+
+
+def returns_alone(sweep: ViewedSweep, ranges: Mapping[str, BeamRanges]) -> BoolArray:
+    """Return which points (N,) are of beams that did not return in the other sweep."""
+    known = _of_beams(sweep, ranges, lambda both: both.known | (sweep.kind == RECORDED), False)
+    return known & ~returns_in_the_other(sweep, ranges)
 
 
 STRAY_M = 1.0
@@ -227,11 +234,11 @@ def sweep_metrics(ranges: Mapping[str, BeamRanges]) -> dict[str, float] | None:
     sets = [both for both in ranges.values() if both.drops]
     if not sets:
         return None
-    values = [
-        np.concatenate([np.asarray(both[column])[both.known] for both in sets]).astype(np.float32)
-        for column in range(4)
-    ]
-    recorded, simulated, recorded_intensity, simulated_intensity = values
+    recorded, recorded_intensity, simulated, simulated_intensity = (
+        np.concatenate([getattr(both, name)[kind][both.known] for both in sets]).astype(np.float32)
+        for kind in (RECORDED, SIMULATED)
+        for name in ("range_m", "intensity")
+    )
     return lidar_metrics(
         simulated, simulated_intensity, np.isfinite(simulated), recorded, recorded_intensity, np.isfinite(recorded)
     )

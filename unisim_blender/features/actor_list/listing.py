@@ -17,7 +17,8 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ...bridge.objects.imported import has_drive, imported_objects, originals, source_of
-from ...bridge.views.actors import poses_of, track_of
+from ...bridge.objects.trajectories import keyed_poses
+from ...bridge.views.actors import track_of
 from ...bridge.window import redraw, run_soon
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
@@ -122,7 +123,7 @@ def _bring_up(scene: bpy.types.Scene, table: ActorListing, busy_s: float) -> boo
             return False
     ego = next(imported_objects(scene, "EGO"), None)
     table.ego = (
-        poses_of(ego, table.clock.frames)[:, :3, 3] if ego is not None else np.zeros((len(table.clock.frames), 3))
+        keyed_poses(ego, table.clock.frames)[:, :3, 3] if ego is not None else np.zeros((len(table.clock.frames), 3))
     )
     _show_values(scene, table, actors)
     return True

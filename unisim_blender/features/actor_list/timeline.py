@@ -11,24 +11,11 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...editing.layout.timeline import (
-    BACKGROUND,
-    NOW_PX,
-    Timeline,
-    lay_out,
-    rectangles,
-    rows_text,
-    scrolled,
-    size_of,
-)
-from ...editing.texts import shortened
+from ...editing.layout.timeline import Timeline, lay_out, scrolled, shapes_of, size_of
 from ...registering import Drawing, Shortcut
-from ...translations import localized
-from ...viewport.overlay_layout import WANTED, fill, overlay_layout
+from ...viewport.overlay_layout import WANTED, draw_shapes, measure_at, overlay_layout
 from . import listing
 
-TEXT, FAINT_TEXT = (0.92, 0.92, 0.92, 1.0), (0.62, 0.62, 0.62, 1.0)
-TEXT_PX = 11.0
 WHEEL_ROWS = 3
 
 
@@ -60,10 +47,6 @@ def wanted_size(context: bpy.types.Context) -> tuple[float, float] | None:
 
 def draw() -> None:
     """Called by Blender whenever a 3D view is drawn."""
-    import blf
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
     context = bpy.context
     timeline = timeline_of(context)
     if timeline is None:
@@ -72,42 +55,7 @@ def draw() -> None:
     now_s = float(table.clock.time_s(np.array(context.scene.frame_current_final))) if table.clock is not None else 0.0
     active = context.view_layer.objects.active
     key = active.session_uid if active is not None and active.select_get() else None
-    corners, colours = rectangles(timeline, now_s, key, scale)
-    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
-    batch = batch_for_shader(shader, "TRIS", {"pos": corners, "color": colours})
-    gpu.state.blend_set("ALPHA")
-    gpu.state.depth_test_set("NONE")
-    batch.draw(shader)
-    gpu.state.blend_set("NONE")
-    blf.size(0, TEXT_PX * scale)
-    for row, entry in enumerate(timeline.rows):
-        name = shortened(
-            entry.name + (" *" if entry.edited else ""),
-            timeline.start - timeline.left - 12 * scale,
-            lambda text: blf.dimensions(0, text)[0],
-        )
-        write(
-            blf,
-            name,
-            timeline.left + 6 * scale,
-            timeline.row_bottom(row) + 4 * scale,
-            TEXT if entry.there else FAINT_TEXT,
-        )
-    for time_s in timeline.ticks():
-        write(blf, f"{time_s:g}", timeline.x_of(time_s) + 3 * scale, timeline.rows_top + 5 * scale, FAINT_TEXT)
-    write(blf, localized(rows_text(timeline)), timeline.left + 6 * scale, timeline.rows_top + 5 * scale, FAINT_TEXT)
-    label = f"{now_s:.2f} s"
-    x = min(timeline.x_of(now_s) + 4 * scale, timeline.right - blf.dimensions(0, label)[0] - 4 * scale)
-    width = blf.dimensions(0, label)[0]
-    fill(x - 4 * scale, timeline.top, x + width + 4 * scale, timeline.top + NOW_PX * scale, BACKGROUND)
-    write(blf, label, x, timeline.top + 4 * scale, TEXT)
-
-
-def write(blf: Any, text: str, x: float, y: float, colour: tuple[float, ...]) -> None:
-    """Write a line of text with its lower left corner at x, y."""
-    blf.color(0, *colour)
-    blf.position(0, x, y, 0)
-    blf.draw(0, text)
+    draw_shapes(shapes_of(timeline, now_s, key, scale, measure_at(scale)), text_scale=scale)
 
 
 class UNISIM_GT_timeline(bpy.types.Gizmo):

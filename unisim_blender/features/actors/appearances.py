@@ -18,9 +18,9 @@ from ...bridge.changes.motion import move_along, retimed
 from ...bridge.objects.animation import shown_by_keys
 from ...bridge.objects.imported import box_mesh, collection_of, new_actor, source_of
 from ...bridge.objects.meshes import size_of
-from ...bridge.objects.trajectories import span_of
+from ...bridge.objects.trajectories import keyed_poses, span_of
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.views.actors import ego_poses, neighbours, poses_of
+from ...bridge.views.actors import ego_poses, neighbours
 from ...bridge.window import Need, choose, chosen, drive, object_mode, selected
 from ...core.actor_images.names import group_of, readable_names
 from ...core.errors import UnisimError
@@ -324,7 +324,7 @@ def slow_down(obj: bpy.types.Object, speed_m_s: float, clock: Clock) -> None:
     there, span = shown_by_keys(obj, clock.frames), span_of(obj)
     if span is None or not there.any():
         return
-    fastest = np.nanmax(motion_of(poses_of(obj, clock.frames)[:, :3, 3], clock.times_s, there).speed_m_s)
+    fastest = np.nanmax(motion_of(keyed_poses(obj, clock.frames)[:, :3, 3], clock.times_s, there).speed_m_s)
     if fastest > speed_m_s:
         start_s = float(clock.time_s(np.array(span[0])))
         retimed(obj, Retiming("SPEED", 0.0, speed_m_s / float(fastest), start_s, 0.0).frames(clock))

@@ -9,14 +9,14 @@ import numpy as np
 
 from ...bridge.sampling.stepping import frame_of
 from ...core.geometry import FloatArray
-from ...editing.layout.speed_graph import HEIGHT, WIDTH, GraphShapes, curves, grip, moment, on_curve
+from ...editing.layout.shapes import OverlayShapes
+from ...editing.layout.speed_graph import HEIGHT, WIDTH, curves, grip, moment, on_curve
 from ...editing.motion.kinematics import MotionComparison
 from ...registering import Drawing
-from ...viewport.overlay_layout import WANTED, overlay_layout
-from ...viewport.overlays import draw_shapes
+from ...viewport.overlay_layout import WANTED, draw_shapes, overlay_layout
 from .properties import graph_of
 
-_newest: list[tuple[tuple[MotionComparison, float], GraphShapes]] = []
+_newest: list[tuple[tuple[MotionComparison, float], OverlayShapes]] = []
 """The newest curves, and the motion that they are of: they are laid out again only when that changes."""
 
 

@@ -14,20 +14,17 @@ from mathutils import Vector
 from ...bridge.objects.imported import imported_objects
 from ...bridge.views.points import sweep_of
 from ...editing.layout.point_colours import KINDS, PointColours, PointLegend, coloured, legend_shapes
-from ...editing.layout.speed_graph import GraphShapes
+from ...editing.layout.shapes import OverlayShapes
 from ...editing.sensors.sweeps import DROPS, RECORDED, ViewedSweep
 from ...editing.texts import Text
 from ...registering import Drawing
 from ...translations import localized
-from ...viewport.overlay_layout import WANTED, overlay_layout, write_rows
-from ...viewport.overlays import draw_shapes
+from ...viewport.overlay_layout import WANTED, draw_shapes, measure_at, overlay_layout, write_rows
 
 SIZE, BEHIND_SIZE = 3.0, 2.0
 """Of a point, and of one behind a surface, an actor's box say, in pixels of an ordinary display."""
 LABEL_M, TEXT = 3.0, (1.0, 1.0, 1.0, 1.0)
 """Height above the vehicle of the words beside sweeps that are drawn apart, and their colour."""
-LABEL_PX = 12
-"""Height of the legend's letters."""
 
 
 @dataclass
@@ -121,26 +118,24 @@ def draw_legend() -> None:
                 write_rows([localized(KINDS[kind])], at.x, at.y, scale, TEXT)
     box, legend = overlay_layout(context).overlays.get("legend"), shapes_of_legend(context)
     if box is not None and legend is not None:
-        draw_shapes(legend[0], np.array([box.left, box.bottom]), scale)
+        draw_shapes(legend[0], (box.left, box.bottom), scale)
 
 
-def shapes_of_legend(context: bpy.types.Context) -> tuple[GraphShapes, float, float] | None:
+def shapes_of_legend(context: bpy.types.Context) -> tuple[OverlayShapes, float, float] | None:
     """Return the legend's shapes, and its width and height at a scale of 1; None where no points are shown, and in the
     bird's-eye view, which is beside one that has it."""
-    import blf
-
     space = context.space_data
     follows = space.lock_object is not None and space.lock_object.unisim.kind == "EGO"
     shown = shown_points(context.scene) if space.overlay.show_overlays and not follows else None
     if shown is None:
         return None
     scale = context.preferences.system.ui_scale
-    blf.size(0, LABEL_PX * scale)
     now = context.scene.frame_current
     others = {int(sweep.frame) for sweep in shown.sweeps if len(sweep.points)} - {now}
     stale = [Text("Points of frame {frame}; this is frame {now}", frame=frame, now=now) for frame in sorted(others)]
     legend = replace(shown.legend, lines=(*shown.legend.lines, *stale))
-    return legend_shapes(legend, lambda text: blf.dimensions(0, localized(text))[0] / scale)
+    measure = measure_at(scale)
+    return legend_shapes(legend, lambda text: measure(text) / scale)
 
 
 def legend_size(context: bpy.types.Context) -> tuple[float, float] | None:

@@ -1,22 +1,18 @@
 """New cameras and LiDARs on the vehicle."""
 
-import re
-from contextlib import suppress
 from typing import Any
 
 import bpy
 import numpy as np
 from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
+from mathutils import Euler, Matrix
 
 from ...bridge.importing.drive import fit_resolution
-from ...bridge.importing.rig_presets import free_name, look_ahead, show_sensor
-from ...bridge.objects.imported import collection_of, imported_objects, source_of
-from ...bridge.objects.sensors import set_model
+from ...bridge.importing.rig_presets import add_sensor, look_ahead, show_sensor
+from ...bridge.objects.imported import drive_of, imported_objects
 from ...bridge.window import choose, chosen, object_mode, refresh, selected, vehicle
-from ...core.errors import UnisimError
 from ...core.sensors.beam_tables import BEAM_TABLES
 from ...core.world.drive import CameraModel, LidarModel
-from ...editing.layout.shapes import DISPLAY_M
 from ...editing.sensors.mounts import lidar_json, own_table
 from ...translations import message
 from ..operator_bases import Editing, reporting
@@ -29,22 +25,15 @@ PRESETS = [
 ]
 
 
-def ride(context: bpy.types.Context, obj: bpy.types.Object, kind: str, place: tuple[float, float, float]) -> None:
-    """Put a new sensor on the vehicle and make it the one that is selected."""
-    ego = next(imported_objects(context.scene, "EGO"))
-    give_name(context.scene, obj)
-    collection_of(context.scene, kind).objects.link(obj)
-    obj.unisim.kind, obj.unisim.uid = kind, obj.name
-    obj.parent = ego
-    obj.location = place
-    choose(context, obj)
-
-
-def give_name(scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
-    """Give a new sensor's object a name that lists and files can have: "camera", "camera_2"."""
-    wanted = re.sub(r"\.\d{3}$", "", obj.name)  # what Blender puts behind a name that is taken
-    with suppress(UnisimError, OSError):
-        obj.name = free_name(scene, source_of(scene).drive, wanted, obj.name)
+def put_on_vehicle(
+    context: bpy.types.Context, name: str, model: CameraModel | LidarModel, mount: Matrix
+) -> bpy.types.Object:
+    """Put a new sensor on the vehicle, at a mount (4, 4), and make it the one that is selected."""
+    scene = context.scene
+    sensor = add_sensor(scene, drive_of(scene), name, model, np.array(mount, float))
+    sensor.rotation_mode = "XYZ"
+    choose(context, sensor)
+    return sensor
 
 
 class _OnVehicle(Editing):
@@ -128,13 +117,10 @@ class UNISIM_OT_add_camera(_OnVehicle, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Square pixels, the principal point in the middle, a global shutter."""
         focal = self.width / 2 / np.tan(np.radians(self.fov_deg) / 2)
-        camera = bpy.data.objects.new("camera", bpy.data.cameras.new("UniSim camera"))
-        camera.data.display_size = DISPLAY_M
-        set_model(camera, CameraModel(self.width, self.height, focal, focal, self.width / 2, self.height / 2))
-        ride(context, camera, "CAMERA", tuple(self.mount))
+        model = CameraModel(self.width, self.height, focal, focal, self.width / 2, self.height / 2)
         # a Blender camera looks down; upright and turned by -90 degrees it looks along x
-        camera.rotation_euler = (np.radians(90 + self.pitch_deg), 0.0, np.radians(self.yaw_deg - 90))
-        context.scene.camera = camera
+        turn = Euler((np.radians(90 + self.pitch_deg), 0.0, np.radians(self.yaw_deg - 90)))
+        context.scene.camera = put_on_vehicle(context, "camera", model, Matrix.LocRotScale(self.mount, turn, None))
         fit_resolution(context.scene)
         return {"FINISHED"}
 
@@ -189,11 +175,8 @@ class UNISIM_OT_add_lidar(_OnVehicle, _Beams, bpy.types.Operator):
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """With the maker's beam table, or one's own."""
-        table = self.table()
-        lidar = bpy.data.objects.new("lidar" if self.preset == OWN else self.preset, None)
-        lidar.empty_display_type, lidar.empty_display_size = "CONE", 0.4
-        lidar.unisim.model = lidar_json(table)
-        ride(context, lidar, "LIDAR", tuple(self.mount))
+        name = "lidar" if self.preset == OWN else self.preset
+        put_on_vehicle(context, name, self.table(), Matrix.Translation(self.mount))
         return {"FINISHED"}
 
 

@@ -15,7 +15,7 @@ from ...bridge.importing.rig_presets import (
     rig_of,
     users_folder,
 )
-from ...bridge.objects.imported import source_of
+from ...bridge.objects.imported import drive_of, source_of
 from ...bridge.window import Need, choose, object_mode, refresh, vehicle
 from ...core.errors import UnisimError
 from ...core.rigs import read_rig, write_rig
@@ -36,11 +36,8 @@ MODES = (
 
 def hidden(context: bpy.types.Context) -> Need:
     """Some sensor of the log is hidden or was deleted."""
-    sentence = "All recorded sensors are there"
-    try:
-        return hidden_sensors(context.scene, source_of(context.scene).drive), sentence
-    except (UnisimError, OSError):
-        return False, sentence
+    drive = drive_of(context.scene)
+    return drive is not None and hidden_sensors(context.scene, drive), "All recorded sensors are there"
 
 
 class UNISIM_OT_apply_rig(Editing, bpy.types.Operator):

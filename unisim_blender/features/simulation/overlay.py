@@ -4,7 +4,6 @@ ghost."""
 from __future__ import annotations
 
 import bpy
-import numpy as np
 
 from ...bridge.objects.imported import drive_of
 from ...bridge.sampling.stepping import frame_of
@@ -12,6 +11,7 @@ from ...bridge.views.rollouts import forget, rollout_lines
 from ...editing.layout.trails import TrailSegments
 from ...editing.sampled.clock import Clock
 from ...registering import Drawing
+from ...viewport.overlay_layout import draw_batch
 
 WIDTH_PX = 2.0
 
@@ -27,24 +27,9 @@ def lines_now(scene: bpy.types.Scene) -> TrailSegments | None:
 
 def draw() -> None:
     """Called by Blender whenever a 3D view is drawn."""
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
-    context = bpy.context
-    if not context.space_data.overlay.show_overlays:
-        return
-    lines = lines_now(context.scene)
-    if lines is None or not len(lines.points):
-        return
-    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
-    points, colours = lines.points.astype(np.float32), lines.colours.astype(np.float32)
-    batch = batch_for_shader(shader, "LINES", {"pos": points, "color": colours})
-    gpu.state.line_width_set(WIDTH_PX)
-    gpu.state.depth_test_set("NONE")
-    gpu.state.blend_set("ALPHA")
-    batch.draw(shader)
-    gpu.state.blend_set("NONE")
-    gpu.state.line_width_set(1.0)
+    lines = lines_now(bpy.context.scene) if bpy.context.space_data.overlay.show_overlays else None
+    if lines is not None and len(lines.points):
+        draw_batch("LINES", lines.points, lines.colours, WIDTH_PX)
 
 
 DRAWINGS = (Drawing(draw),)
