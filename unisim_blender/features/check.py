@@ -81,7 +81,7 @@ def findings_of(sampled: Sampled, drive: Drive, limits: Limits, is_trained: bool
     return [*lacking, *warnings_of(readable, drive, limits, is_trained)]
 
 
-class UNISIM_OT_check(Editing, AtOnce, bpy.types.Operator):
+class UNISIM_OT_check(AtOnce, Editing, bpy.types.Operator):
     """List implausible edits: overlaps, sideways or too fast cars, actors off the ground, far or unseen camera views"""
 
     bl_label = "Check Edits"

@@ -87,7 +87,7 @@ class Editing(Needing):
         changed = self.edit(context)
         if isinstance(changed, set):
             return changed
-        if changed:
+        if changed is not None:
             refresh(changed)
         return {"FINISHED"}
 
@@ -98,7 +98,7 @@ def nothing_runs(context: bpy.types.Context) -> Need:
 
 
 class InSteps:
-    """Base of such operators: `execute` does all at once, for scripts and without a window; `in_steps` does a step
+    """Base of operators that work in steps: `execute` does all at once, for scripts and without a window; `in_steps` does a step
     at each tick of a timer. While it works, the window hears Esc and nothing else, so the scene stays as it
     was at the press."""
 

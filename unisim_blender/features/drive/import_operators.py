@@ -510,7 +510,7 @@ class UNISIM_OT_import_sensors(Needing, bpy.types.Operator):
         return handed_on(self, lambda: import_recognised(chosen, parts))
 
 
-class UNISIM_OT_locate_log(Editing, InSteps, bpy.types.Operator):
+class UNISIM_OT_locate_log(InSteps, Editing, bpy.types.Operator):
     """Choose the folder in which the log of this drive lies now"""
 
     bl_label = "Choose Folder of the Log"
