@@ -10,13 +10,13 @@ import bpy
 import numpy as np
 from bpy.props import EnumProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
-from mathutils import Matrix, Quaternion, Vector
+from mathutils import Quaternion, Vector
 
 from ...bridge.changes.carriers.scale import give_box
 from ...bridge.changes.maneuvers import best_seen
 from ...bridge.changes.motion import move_along, retimed
 from ...bridge.objects.animation import shown_by_keys
-from ...bridge.objects.imported import box_mesh, collection_of, new_actor, source_of
+from ...bridge.objects.imported import add_actor, box_mesh, source_of, stand_at
 from ...bridge.objects.meshes import size_of
 from ...bridge.objects.trajectories import keyed_poses, span_of
 from ...bridge.sampling.stepping import frame_of
@@ -358,7 +358,7 @@ def put_ahead(scene: bpy.types.Scene, obj: bpy.types.Object, actor: Actor) -> No
     ground_m = None if place.height_m else ground_height(source, place.road, int(clock.frames[at]))
     poses = place.on_ground(ground_m, float(size_m[2]))
     if place.stands:
-        obj.location, obj.rotation_quaternion, _ = Matrix(poses[at].tolist()).decompose()
+        stand_at(obj, poses[at])
     else:
         move_along(obj, poses, clock)
 
@@ -409,9 +409,7 @@ class UNISIM_OT_insert_actor(_Chooses, bpy.types.Operator):
         if uid not in choice.actors:
             raise UnisimError(message('{folder}: has no actor "{name}"', folder=folder or choice.log_path, name=uid))
         actor = choice.actors[uid]
-        obj = new_actor(choice.names[uid], actor)
-        collection_of(context.scene, "ACTOR").objects.link(obj)
-        obj.unisim.look, obj.unisim.look_scene = uid, folder
+        obj = add_actor(context.scene, choice.names[uid], actor, uid, folder)
         if self.where == "CURSOR":
             obj.location = np.array(context.scene.cursor.location) + [0.0, 0.0, actor.size_m[2] / 2]
             obj.rotation_quaternion = cursor_rotation(context.scene)

@@ -28,6 +28,7 @@ from ...core.actor_images.cache import ActorImage, cached_images
 from ...core.actor_images.names import plain_names
 from ...core.errors import UnisimError
 from ...core.model.scene_file import read_scene_header
+from ...core.world.drive import Actor
 from ...editing.actors.portraits import Portrait, portrait_request, save_portrait, saved_portrait
 from ...editing.actors.table import named_actors
 from ...editing.sampled.source import DriveSource
@@ -240,13 +241,22 @@ def _render() -> bool:
             source = DriveSource(
                 (scene_path / header.log_path).resolve(), scene_path, header.drive, None, header.parked
             )
-            asked = portrait_request(source, actor, scene_path.name) if actor is not None else None
+            asked = asked_portrait(source, actor) if actor is not None else None
             if asked is not None:
-                request = client(interpreter()).ask(
-                    "camera", **asked.values, passes=["rgb", "instance"], quality="balanced", device=device()
-                )
-                _rendering.append(Portrait(scene_path, uid, request))
+                _rendering.append(asked)
     return news
+
+
+def asked_portrait(source: DriveSource, actor: Actor) -> Portrait | None:
+    """Ask the worker for the portrait of an actor of a trained scene; None where no camera came near it."""
+    assert source.scene_path is not None
+    asked = portrait_request(source, actor, source.scene_path.name)
+    if asked is None:
+        return None
+    request = client(interpreter()).ask(
+        "camera", **asked.values, passes=["rgb", "instance"], quality="balanced", device=device()
+    )
+    return Portrait(source.scene_path, actor.uid, request)
 
 
 def name_actors() -> None:

@@ -5,9 +5,10 @@ import bpy
 
 from ...bridge.sampling.stepping import frame_of
 from ...editing.layout.speed_graph import values
+from ...editing.motion.kinematics import QUANTITIES
 from ...translations import localized
 from ..sidebar import DrivePanel, row_of, settings_column
-from .properties import NAMES, graph_of
+from .properties import graph_of
 
 ROWS = ("Speed", "Acceleration", "Lateral", "Curvature")
 
@@ -33,5 +34,5 @@ class UNISIM_PT_motion(DrivePanel, bpy.types.Panel):
         layout.prop(scene.unisim_motion, "show_graph")
         column = settings_column(layout, align=True)
         column.label(text="Limits of vehicles")
-        for name in NAMES:
+        for name in QUANTITIES:
             column.prop(scene.unisim_motion, name)
