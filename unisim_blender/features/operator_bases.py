@@ -144,7 +144,6 @@ class InSteps:
         return {"RUNNING_MODAL"}
 
     def modal(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Some more steps."""
         if event.type == "ESC" and event.value == "PRESS":
             self.ended(context)
             self.stopped(context, False)
@@ -182,7 +181,6 @@ class AtOnce(InSteps):
     """Such an operator that begins when its button is pressed, without a question."""
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Begin."""
         return self.in_steps(context)
 
 

@@ -80,11 +80,9 @@ class UNISIM_OT_show_problem(bpy.types.Operator):
     remedy: StringProperty(options={"SKIP_SAVE", "HIDDEN"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Open the dialog."""
         return context.window_manager.invoke_props_dialog(self, width=DIALOG_WIDTH, title=self.title)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the sentence and the buttons."""
         layout = self.layout
         draw_rows(layout.column(align=True), label_rows(self.text, DIALOG_WIDTH - MARGIN))
         layout.separator()
@@ -112,7 +110,6 @@ class UNISIM_OT_copy_text(bpy.types.Operator):
     text: StringProperty(options={"SKIP_SAVE", "HIDDEN"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Copy it."""
         context.window_manager.clipboard = self.text
         return {"FINISHED"}
 

@@ -81,7 +81,6 @@ class UNISIM_OT_install_package(_OfPackage, bpy.types.Operator):
     bl_options = {"REGISTER"}
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask first."""
         return context.window_manager.invoke_props_dialog(self, width=DIALOG_WIDTH, confirm_text="Install")
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -98,7 +97,6 @@ class UNISIM_OT_install_package(_OfPackage, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Begin the installation in the background."""
         if not bpy.app.online_access:
             raise UnisimError(message("Blender is not allowed to go online"))
         interpreters.PACKAGES.mkdir(parents=True, exist_ok=True)
@@ -114,12 +112,10 @@ class UNISIM_OT_remove_package(_OfPackage, bpy.types.Operator):
     bl_options = {"REGISTER"}
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask first."""
         return context.window_manager.invoke_confirm(self, event)
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Delete its folder."""
         remove(PACKAGES[self.package])
         return {"FINISHED"}
 
@@ -132,7 +128,6 @@ class UNISIM_OT_clear_cache(Needing, AtOnce, bpy.types.Operator):
     needs = (nothing_runs,)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask first."""
         self.by_hand = True
         return context.window_manager.invoke_confirm(self, event, title=self.bl_label, message=self.__doc__ or "")
 

@@ -54,7 +54,6 @@ class UNISIM_PT_tasks(DrivePanel, bpy.types.Panel):
     bl_options = {"HIDE_HEADER"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the tasks as one row."""
         self.layout.row(align=True).prop(context.window_manager, "unisim_panels", expand=True)
 
 

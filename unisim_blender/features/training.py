@@ -42,12 +42,10 @@ class UNISIM_OT_train(Needing, bpy.types.Operator):
     frames: StringProperty(name="Frames", description="Frames as START:STOP:STEP", default="::2")
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the folder."""
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the settings beside the file browser."""
         column = settings_column(self.layout)
         column.prop(self, "preset")
         column.prop(self, "minutes")
@@ -57,7 +55,6 @@ class UNISIM_OT_train(Needing, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Start the command line."""
         folder, log = Path(self.directory).absolute(), bpy.path.abspath(context.scene.unisim.log)
         arguments = ["train", log, "--out", str(folder), "--quiet", "--device", device(), "--preset", self.preset]
         arguments += ["--cameras", self.cameras] if self.cameras else []
@@ -77,7 +74,6 @@ class UNISIM_PT_training(DrivePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the operators, and how a training goes."""
         layout = self.layout
         layout.operator("unisim.train", icon="MODIFIER")
         layout.operator("unisim.make_library", icon="ASSET_MANAGER")

@@ -295,7 +295,6 @@ class UNISIM_MT_maneuver_pie(bpy.types.Menu):
     bl_description = "Maneuvers of the active actor, or of a new one"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw a slot for each, and for rows and classes."""
         pie = self.layout.menu_pie()
         pie.operator_enum("unisim.maneuver", "kind")
         pie.operator("unisim.row_of_cones", icon="CONE")

@@ -180,11 +180,9 @@ class UNISIM_OT_cancel_task(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Something has to be running."""
         return allowed(cls, (running, "No task is running"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Ask it to end."""
         for task in running:
             task.cancel()
         return {"FINISHED"}

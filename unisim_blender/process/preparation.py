@@ -149,12 +149,10 @@ class UNISIM_OT_resume_preparation(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """It has to be stopped, or failed."""
         stopped = PREPARATION.stopped or bool(PREPARATION.problem)
         return allowed(cls, (stopped, "The preparation of images was not stopped"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Have the views ask again."""
         PREPARATION.stopped, PREPARATION.problem = False, ""
         run_soon(watch, POLL_S)
         return {"FINISHED"}

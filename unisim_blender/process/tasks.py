@@ -198,11 +198,9 @@ class SequenceTask(Task):
 
     @property
     def done(self) -> float:
-        """Frames that are finished."""
         return float(finished_moments(self.folder, self.wanted))
 
     def newest(self) -> Path | None:
-        """The image that was finished last."""
         return newest_image(self.folder)
 
 

@@ -158,7 +158,6 @@ class UNISIM_GT_split(bpy.types.Gizmo):
         """Nothing: the view draws the line with its image."""
 
     def test_select(self, context: bpy.types.Context, location: Any) -> int:
-        """Return 0 where the mouse is on the line, -1 elsewhere."""
         at, view = line_at(context.region, options_of(context.space_data).split), drawn_view(context.region)
         if at is None or abs(location[0] - at) > GRAB_PX * context.preferences.system.ui_scale:
             return -1
@@ -166,12 +165,10 @@ class UNISIM_GT_split(bpy.types.Gizmo):
         return 0 if low <= location[1] <= high else -1
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Take hold of the line."""
         self.before = options_of(context.space_data).split
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event, tweak: set[str]) -> set[str]:
-        """Put the line where the mouse is."""
         view = drawn_view(context.region)
         if view is not None:
             left, _, width, _ = view.rectangle
@@ -197,11 +194,9 @@ class UNISIM_GGT_split(bpy.types.GizmoGroup):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """A split has to be shown."""
         return is_rendered(context) and options_of(context.space_data).mode == "SPLIT"
 
     def setup(self, context: bpy.types.Context) -> None:
-        """Add the one gizmo."""
         self.gizmos.new(UNISIM_GT_split.bl_idname).use_draw_modal = True
 
 

@@ -192,7 +192,6 @@ class UNISIM_OT_hide_actor(bpy.types.Operator):
     name: StringProperty(name="Actor", description="The object's name")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """As H and Alt-H do, for one object."""
         obj = context.view_layer.objects.get(self.name)
         if obj is None:
             self.report({"WARNING"}, message('"{name}" is not in this view layer', name=self.name))
@@ -230,7 +229,6 @@ class UNISIM_OT_select_listed(Editing, bpy.types.Operator):
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Select them and nothing else."""
         keys = {entry.key for entry in listing.refresh_now(context.scene).shown}
         actors = [
             obj for obj in imported_objects(context.scene, "ACTOR") if obj.session_uid in keys and obj.visible_get()

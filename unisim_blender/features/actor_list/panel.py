@@ -103,7 +103,6 @@ class UNISIM_PT_actors(DrivePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the filter, the list, and what a click does."""
         layout, scene, wanted = self.layout, context.scene, context.window_manager.unisim_actors
         table = listing.table_of(scene)
         if table.problem:

@@ -69,7 +69,6 @@ class UNISIM_GT_timeline(bpy.types.Gizmo):
         """Nothing: the timeline is drawn with the overlays."""
 
     def test_select(self, context: bpy.types.Context, location: Any) -> int:
-        """Return 0 where the mouse is on the timeline."""
         timeline = timeline_of(context)
         return 0 if timeline is not None and timeline.covers(*location) else -1
 
@@ -87,7 +86,6 @@ class UNISIM_GT_timeline(bpy.types.Gizmo):
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event, tweak: set[str]) -> set[str]:
-        """Dragging goes through the times."""
         if event.type == "MOUSEMOVE" and self.timeline is not None and event.mouse_region_x != event.mouse_prev_x:
             if abs(event.mouse_x - event.mouse_prev_press_x) > 3:
                 go_to(context, self.timeline.time_at(event.mouse_region_x))
@@ -119,11 +117,9 @@ class UNISIM_GGT_timeline(bpy.types.GizmoGroup):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """The timeline has to be drawn."""
         return shown(context)
 
     def setup(self, context: bpy.types.Context) -> None:
-        """One gizmo, as large as the timeline."""
         gizmo = self.gizmos.new(UNISIM_GT_timeline.bl_idname)
         gizmo.use_draw_modal = True
 
@@ -138,7 +134,6 @@ class UNISIM_OT_scroll_timeline(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """The timeline has to be drawn."""
         return shown(context)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:

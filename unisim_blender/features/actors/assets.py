@@ -43,7 +43,6 @@ class UNISIM_OT_make_library(InSteps, Needing, bpy.types.Operator):
         return self.ask_for_path(context)
 
     def work(self, context: bpy.types.Context) -> Iterator[str | None]:
-        """Write the library; portraits come from the worker one after the other."""
         source, path = source_of(context.scene), Path(self.filepath).with_suffix(".blend")
         assert source.scene_path is not None  # the operator's needs have seen to it
         assets: list[bpy.types.Object] = []

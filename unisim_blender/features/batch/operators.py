@@ -191,7 +191,6 @@ class UNISIM_OT_add_parameter(Editing, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Add the parameter, with the value that the scenario has."""
         field = next((other for other in _fields if other.pointer == self.at), None)
         if field is None:
             return {"CANCELLED"}
@@ -234,7 +233,6 @@ class UNISIM_OT_remove_parameter(bpy.types.Operator):
     index: IntProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Remove it."""
         context.scene.unisim_batch.parameters.remove(self.index)
         return {"FINISHED"}
 
@@ -257,5 +255,4 @@ class UNISIM_OT_open_report(Needing, bpy.types.Operator):
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """As Blender opens pages."""
         return bpy.ops.wm.url_open(url=report_path(context.scene).as_uri())

@@ -22,7 +22,6 @@ class UNISIM_PT_batch(DrivePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw variants, parameters, settings, what runs, and the report."""
         layout, scene = self.layout, context.scene
         about = scene.unisim_batch
         column = layout.column(align=True)

@@ -134,12 +134,10 @@ class UNISIM_OT_export_scenario(Needing, ReadsScenes, bpy.types.Operator, Export
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the file."""
         self.by_hand = True
         return ExportHelper.invoke(self, context, event)
 
     def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
-        """Read the scene and write the file."""
         path = Path(self.filepath).absolute()
         scenario = yield from self.scenario(context.scene, path)
         yield from in_thread(lambda: write_scenario(scenario, path))
@@ -158,7 +156,6 @@ class UNISIM_OT_use_frame_range(Editing, bpy.types.Operator):
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Forget the range that the stated captures hold for."""
         context.scene.unisim.stated_range = (0, -1, 0)
         return {"FINISHED"}
 

@@ -123,7 +123,6 @@ class _ImportDrive(InSteps, ImportHelper):
         return InSteps.modal(self, context, event)
 
     def stopped(self: Any, context: bpy.types.Context, fault: bool) -> None:
-        """Put the scene back."""
         context.window_manager.progress_end()
         if self.begun and context.preferences.edit.use_global_undo:
             take_back()
@@ -195,7 +194,6 @@ class _ImportsParts:
     )
 
     def draw(self: Any, context: bpy.types.Context) -> None:
-        """Draw the settings of drives and trained scenes."""
         column = settings_column(self.layout)
         column.label(text="Of a drive or trained scene:")
         column.prop(self, "sensors")
@@ -279,7 +277,6 @@ class UNISIM_OT_import_scenario(_ImportScenario, bpy.types.Operator):
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
 
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
-        """Import the drive, then edit it."""
         self.begun, path = False, Path(self.filepath).absolute()
         opened = yield from self.run(lambda: opened_scenario(path))
         if has_drive(context.scene):
@@ -301,7 +298,6 @@ class UNISIM_OT_open_rollout(Needing, _ImportScenario, bpy.types.Operator):
     filter_folder: BoolProperty(default=True, options={"HIDDEN"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the folder, unless it was named."""
         return self.in_steps(context) if self.filepath or self.directory else self.ask_for_path(context)
 
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
@@ -398,7 +394,6 @@ class UNISIM_OT_import_drive(_ImportsParts, bpy.types.Operator):
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for what to import, unless it was dropped."""
         if self.filepath:
             return self.execute(context)
         self.directory = default_folder("logs")
@@ -499,11 +494,9 @@ class UNISIM_OT_import_sensors(Needing, bpy.types.Operator):
         return set(context.window_manager.invoke_props_dialog(self, confirm_text="Import"))
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw a switch for each sensor."""
         self.layout.column(align=True).prop(self, "sensors")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Import the drive again."""
         about = context.scene.unisim
         kind, path = ("scene", about.scene) if about.scene else ("log", about.log)
         chosen, parts = Recognised(kind, Path(bpy.path.abspath(path))), {"sensors": ",".join(sorted(self.sensors))}
@@ -543,7 +536,6 @@ class UNISIM_OT_recorded_colours(Editing, bpy.types.Operator):
     needs = (lambda context: (not recorded_colours(context.scene), "Colours are already shown as recorded"),)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Set the scene's colour management."""
         set_colours(context.scene)
         return {"FINISHED"}
 

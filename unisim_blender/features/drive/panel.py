@@ -26,7 +26,6 @@ class UNISIM_PT_drive(DrivePanel, bpy.types.Panel):
     tasks = ("VIEW",)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw log, trained scene, what is there, and what is shown."""
         layout, scene = self.layout, context.scene
         about = scene.unisim
         column = layout.column(align=True)

@@ -121,7 +121,6 @@ class Dragged:
         return {"FINISHED"}
 
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Begin to follow the mouse."""
         self.pressed, self.moved = (event.mouse_region_x, event.mouse_region_y), False
         self.starts = [(obj, TransformSnapshot.of(obj)) for obj in self.subjects(context)]
         try:

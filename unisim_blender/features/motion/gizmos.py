@@ -205,7 +205,6 @@ class UNISIM_GGT_trajectory(Handles, bpy.types.GizmoGroup):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """A moving actor has to be active, selected and drawn with its trajectory."""
         met, _ = moving_actor(context)
         return bool(
             are_shown(context) and met and context.active_object.select_get() and context.scene.unisim.show_ways

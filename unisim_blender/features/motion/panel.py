@@ -21,7 +21,6 @@ class UNISIM_PT_motion(DrivePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the values, red where they exceed a limit, the limits, and the graph's switch."""
         layout, scene = self.layout, context.scene
         graph = graph_of(context)
         texts = values(graph, frame_of(scene))[1:] if graph is not None else []

@@ -71,7 +71,6 @@ class UNISIM_OT_render_sequence(Needing, AtOnce, ReadsScenes, bpy.types.Operator
     needs = (drive, nothing_runs)
 
     def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
-        """Write the scenario beside the frames and start the command line on it."""
         scene = context.scene
         folder = output_folder(scene)
         sensors = output_sensors(scene, context.selected_objects, source_of(scene).drive)
@@ -117,7 +116,6 @@ class UNISIM_OT_open_output(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """The folder has to be there."""
         folder = known_folder(context.scene)
         there = folder is not None and folder.is_dir()
         return allowed(
@@ -125,7 +123,6 @@ class UNISIM_OT_open_output(bpy.types.Operator):
         )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """As Blender opens folders."""
         return bpy.ops.wm.path_open(filepath=str(known_folder(context.scene)))
 
 
@@ -150,7 +147,6 @@ class UNISIM_OT_play_result(bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Start the player as a process of its own."""
         frames, render = results_of(context.scene).get(self.camera), context.scene.render
         if frames is None:
             raise UnisimError(message('camera "{name}" has no images in the output folder', name=self.camera))
@@ -189,7 +185,6 @@ class UNISIM_OT_make_film(Needing, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Start the command line."""
         scene = context.scene
         folder, sensors = output_folder(scene), output_sensors(scene, context.selected_objects, source_of(scene).drive)
         task = FilmTask(["film", str(folder), "--json", *sensor_options(sensors)], folder, 0.0, interpreter())
@@ -212,9 +207,7 @@ class UNISIM_OT_open_film(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """The film has to be there."""
         return allowed(cls, drive(context), (film_of(context.scene), "There is no film yet: make one first"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """As Blender opens files."""
         return bpy.ops.wm.path_open(filepath=str(film_of(context.scene)))

@@ -63,7 +63,6 @@ class UNISIM_PT_passes(DrivePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the settings."""
         about, column = context.scene.unisim, settings_column(self.layout)
         column.column().prop(about, "passes")
         column.prop(about, "opacity_pass")
@@ -95,7 +94,6 @@ class UNISIM_PT_formats(DrivePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw a switch for each."""
         for formats in (FRAME_FORMATS, SEQUENCE_FORMATS):
             grid = self.layout.grid_flow(row_major=True, columns=3, even_columns=True, align=True)
             for name in formats:
@@ -113,11 +111,9 @@ class UNISIM_PT_render(bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """The engine has to be UniSim."""
         return context.scene.render.engine in cls.COMPAT_ENGINES
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the settings."""
         layout = self.layout
         layout.use_property_split, layout.use_property_decorate = True, False
         layout.prop(context.scene.unisim, "quality")

@@ -197,7 +197,6 @@ class UNISIM_OT_show_points(Editing, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Set the scene's switches and show."""
         scene = context.scene
         about = scene.unisim
         about.show_recorded, about.show_simulated, about.show_drops = self.recorded, self.simulated, self.drops

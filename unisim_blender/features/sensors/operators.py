@@ -84,7 +84,6 @@ class UNISIM_OT_show_sensor(_OfSensor, bpy.types.Operator):
     bl_label = "Show or Hide Sensor"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Turn it over."""
         sensor = self.sensor(context)
         if sensor is None:
             return {"CANCELLED"}

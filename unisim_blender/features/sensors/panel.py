@@ -88,7 +88,6 @@ class UNISIM_MT_rig_presets(bpy.types.Menu):
     bl_description = "Put a rig on the vehicle: built-in ones, which approximate public data sets, and your own"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw all presets by their files' names."""
         layout = self.layout
         built_in = translatable("Built-in"), translatable("Built-in: none yet"), built_in_rigs()
         own = translatable("Own"), translatable("Own: none yet"), own_presets()
@@ -107,7 +106,6 @@ class UNISIM_MT_remove_rig(bpy.types.Menu):
     bl_description = "Delete one of your own rig presets"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw one's own presets."""
         self.layout.operator_context = "INVOKE_DEFAULT"
         files = own_presets()
         for path in files:

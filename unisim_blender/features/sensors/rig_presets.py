@@ -100,7 +100,6 @@ class UNISIM_OT_save_rig(Needing, bpy.types.Operator):
     )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for a name."""
         return context.window_manager.invoke_props_dialog(self)
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -113,7 +112,6 @@ class UNISIM_OT_save_rig(Needing, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Write the file."""
         path = preset_file(self.name)
         if path.exists() and not self.overwrite:
             raise UnisimError(message("{path}: is there already: choose another name, or replace it", path=path))
@@ -161,7 +159,6 @@ class UNISIM_OT_rig_folder(bpy.types.Operator):
     bl_options = {"REGISTER"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Show it in the system's file browser."""
         return set(bpy.ops.wm.path_open(filepath=str(users_folder())))
 
 

@@ -51,7 +51,6 @@ class RolloutTask(SequenceTask):
 
     @property
     def done(self) -> float:
-        """Steps that are finished."""
         return float(count_steps(self.folder))
 
 
@@ -198,7 +197,6 @@ class UNISIM_OT_same_model(bpy.types.Operator):
         )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Copy the document."""
         document, actors = context.active_object.unisim_model.document, chosen(context, "ACTOR")
         for obj in actors:
             obj.unisim_model.document = document
@@ -216,11 +214,9 @@ class UNISIM_OT_forget_model(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """An actor has to have a model."""
         return allowed(cls, drive(context), (modelled(context.scene), "No actor has a model of its own"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Take the model away."""
         obj = context.scene.objects.get(self.name)
         if obj is None:
             self.report({"WARNING"}, message('"{name}" is not there any more', name=self.name))
@@ -254,11 +250,9 @@ class UNISIM_OT_sort_rollouts(bpy.types.Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
-        """What the score means."""
         return tooltip(COLUMNS[properties.column].about) if properties.column >= 0 else ""
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Note the column."""
         UNISIM_OT_compare_rollouts.sorted_by = self.column
         return {"FINISHED"}
 
@@ -272,7 +266,6 @@ class UNISIM_OT_compare_rollouts(Needing, bpy.types.Operator):
     sorted_by = -1
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Show the list."""
         return context.window_manager.invoke_popup(self, width=LIST_WIDTH)
 
     def execute(self, context: bpy.types.Context) -> set[str]:

@@ -59,7 +59,6 @@ class VariantsTask(SequenceTask):
 
     @property
     def done(self) -> float:
-        """Finished frames of all variants."""
         return float(sum(part.done for part in self.parts))
 
     @property
@@ -81,7 +80,6 @@ class VariantsTask(SequenceTask):
         )  # fmt: skip
 
     def newest(self) -> Path | None:
-        """The image that was finished last."""
         return newest_image(self.parts[self.at].folder)
 
     def _do(self) -> int:
@@ -205,7 +203,6 @@ class UNISIM_OT_compare_variant(bpy.types.Operator):
     name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Note which; the panel lists what differs."""
         manager = context.window_manager
         manager.unisim_compared = "" if manager.unisim_compared == self.name else self.name
         redraw("VIEW_3D")
