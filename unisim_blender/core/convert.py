@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from .data.log import Log, extras_of, log_digest
-from .errors import LogError, OutputError
+from .errors import LogError, OutputError, refused
 from .files import hold_folder, remove_partial_files, write_file
 from .formats.alpasim import write as alpasim
 from .formats.common.writer import SCRATCH, LogWriter, WritePlan
@@ -146,12 +146,10 @@ def _convert(
     written, reused = _write_parts(plan, folder, on_reused, on_capture)
     plan.finish()
     shutil.rmtree(folder / SCRATCH, ignore_errors=True)
-    try:
+    with refused(out, "written", OutputError):
         if out.is_dir():
             out.rmdir()
         os.replace(folder, out)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be written: {error.strerror}") from error
     return Converted(written, reused, plan.losses, out / plan.opens)
 
 
@@ -309,13 +307,12 @@ def _into(out: Path, write: Callable[[Path], tuple[str, tuple[str, ...]]]) -> Ex
         folder = out.with_name(f".{out.name}.unfinished")
         shutil.rmtree(folder, ignore_errors=True)
         try:
-            folder.mkdir(parents=True)
-            file, losses = write(folder)
-            if out.is_dir():
-                out.rmdir()
-            os.replace(folder, out)
-        except OSError as error:
-            raise OutputError(f"{out}: cannot be written: {error.strerror}") from error
+            with refused(out, "written", OutputError):
+                folder.mkdir(parents=True)
+                file, losses = write(folder)
+                if out.is_dir():
+                    out.rmdir()
+                os.replace(folder, out)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
     return Exchanged(out / file, losses)

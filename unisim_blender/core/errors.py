@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 
 class UnisimError(Exception):
@@ -35,6 +37,16 @@ class SimulationError(UnisimError):
 
 class OutputError(UnisimError):
     """Output that cannot be written."""
+
+
+@contextmanager
+def refused(path: object, what: str, kind: type[UnisimError]) -> Iterator[None]:
+    """Raise an error of a kind where the system refuses what is done within: "PATH: cannot be written: No space left on
+    device"."""
+    try:
+        yield
+    except OSError as error:
+        raise kind(f"{path}: cannot be {what}: {error.strerror}") from error
 
 
 MAX_LETTERS = 300

@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from .errors import UnisimError, short
+from .errors import UnisimError, refused, short
 from .geometry import FloatArray
 
 ROTATION_TOLERANCE = 1e-3
@@ -33,10 +33,8 @@ def read_json(path: Path, error: type[UnisimError]) -> Any:
 
 def read_bytes(path: Path, error: type[UnisimError]) -> bytes:
     """Return a file's content. Raises ``error`` where it cannot be read."""
-    try:
+    with refused(path, "read", error):
         return Path(path).read_bytes()
-    except OSError as fault:
-        raise error(f"{path}: cannot be read: {fault.strerror}") from fault
 
 
 def parse_json(content: bytes, path: Path, error: type[UnisimError]) -> Any:

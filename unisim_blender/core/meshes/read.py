@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..colour import linear_from_srgb
-from ..errors import ScenarioError, in_a_line
+from ..errors import ScenarioError, in_a_line, refused
 from ..files import file_stamp
 from ..geometry import FloatArray
 from .gltf import read_gltf
@@ -55,10 +55,8 @@ def mesh_notes(path: Path) -> tuple[str, ...]:
 
 
 def _changed(path: Path) -> tuple[int, ...]:
-    try:
+    with refused(path, "read", ScenarioError):
         return file_stamp(path)
-    except OSError as fault:
-        raise ScenarioError(f"{path}: cannot be read: {fault.strerror}") from fault
 
 
 @functools.lru_cache(maxsize=16)

@@ -18,7 +18,7 @@ from ..errors import OutputError, ScenarioError
 from ..geometry import FloatArray, quaternion_from_matrix
 from ..json_file import read_json, write_text
 from ..scenario import build, plain
-from ..scenario.json_schema import members_of
+from ..scenario.json_schema import Schema, members_of
 from ..scenario.motion.placement import Placement, check_rotation
 from ..scenario.schema import check_by_schema, scenario_schema
 from ..scenario.sensors.document import CameraSpec, LidarSpec
@@ -75,7 +75,7 @@ def rig_schema() -> dict[str, Any]:
     def sensors(kind: str) -> dict[str, Any]:
         return {"type": "array", "items": {"allOf": [{"$ref": f"#/$defs/{kind}"}, {"required": ["mount"]}]}}
 
-    members = {
+    members: dict[str, Schema] = {
         "format": {"const": FORMAT},
         "version": {"const": VERSION},
         "about": {"type": "string", "maxLength": 2000},

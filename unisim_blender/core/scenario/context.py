@@ -17,7 +17,7 @@ from ..world.drive import Actor, Appearance, Box, Drive
 from .checks import fail, listed
 from .motion.keys import Keyframe, Present, ShiftKey
 from .motion.placement import BoxSpec, Placement, pose_of, rotation_of, rotations_of
-from .motion.trajectories import holding_ends, is_moving
+from .motion.trajectories import holding_ends, is_moving, merged_times, sampled
 from .types import Scenario
 
 TIME_TOLERANCE_S = 1e-6
@@ -170,3 +170,33 @@ def box_of(key: str, scenario: Scenario) -> Box:
     """Return a box of a checked scenario."""
     box: BoxSpec = (scenario.boxes or {})[key]
     return Box(pose_of(box), np.array(box.size_m, float))
+
+
+def sensor_span_s(drive: Drive) -> tuple[float, float]:
+    """Return the first and the last time at which any sensor may look."""
+    return min(drive.time_s.values()) - SENSOR_MARGIN_S, max(drive.time_s.values()) + SENSOR_MARGIN_S
+
+
+def riding(drive: Drive, ego_from_rider: FloatArray) -> Trajectory:
+    """Return the trajectory of what rides on the vehicle at a pose (4, 4)."""
+    ego = drive.world_from_ego
+    return sampled(lambda t: ego.at(t) @ ego_from_rider, merged_times(ego.times_s, np.array(sensor_span_s(drive))))
+
+
+def with_riders(
+    drive: Drive, world_from_ego: Trajectory, carried: Callable[[list[Trajectory]], list[Trajectory]]
+) -> Drive:
+    """Return the drive with the vehicle on a trajectory, and all that rides on it, sensors and its body, on those that
+    ``carried`` returns for theirs."""
+    bodies = {key: actor for key, actor in drive.actors.items() if actor.is_ego_body}
+    riders = [camera.world_from_camera for camera in drive.cameras.values()]
+    riders += [lidar.world_from_lidar for lidar in drive.lidars.values()]
+    riders += [body.world_from_actor for body in bodies.values()]
+    there = iter(carried(riders) if riders else [])
+    return replace(
+        drive,
+        world_from_ego=world_from_ego,
+        cameras={key: replace(camera, world_from_camera=next(there)) for key, camera in drive.cameras.items()},
+        lidars={key: replace(lidar, world_from_lidar=next(there)) for key, lidar in drive.lidars.items()},
+        actors={**drive.actors, **{key: replace(body, world_from_actor=next(there)) for key, body in bodies.items()}},
+    )

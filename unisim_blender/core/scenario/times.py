@@ -15,6 +15,7 @@ from ..geometry import Trajectory
 from ..world.captures import US_PER_SECOND, microseconds
 from ..world.drive import FRAME_MARGIN_S, Actor, Drive
 from .checks import MAX_MEMBERS, MAX_S
+from .context import with_riders
 from .sensors.document import CameraSpec, LidarSpec
 from .time_range import MAX_RATE_HZ, Outside, TimeRange, Times
 from .types import Scenario
@@ -98,14 +99,7 @@ def parse_times(text: str) -> TimeRange:
 
 def with_times(scenario: Scenario, times: TimeRange | None) -> Scenario:
     """Return the scenario with these times, or none, for all sensors in place of its own frames and times."""
-    sensors = scenario.sensors
-    if sensors is not None:
-        cameras, lidars = sensors.cameras, sensors.lidars
-        sensors = replace(
-            sensors,
-            cameras=None if cameras is None else tuple(replace(spec, times=None) for spec in cameras),
-            lidars=None if lidars is None else tuple(replace(spec, times=None) for spec in lidars),
-        )
+    sensors = None if scenario.sensors is None else scenario.sensors.with_times(lambda spec: None)
     return replace(scenario, frames=None if times is not None else scenario.frames, times=times, sensors=sensors)
 
 
@@ -131,14 +125,9 @@ def _given(scenario: Scenario) -> Iterator[tuple[str, Times]]:
 
 def sensors_with_times(scenario: Scenario) -> Iterator[tuple[str, str, CameraSpec | LidarSpec]]:
     """Yield sensors with times of their own: "camera/NAME", the times' place, and what the scenario has of it."""
-    if scenario.sensors is None:
-        return
-    for i, camera in enumerate(scenario.sensors.cameras or ()):
-        if camera.times is not None:
-            yield f"camera/{camera.id}", f"{scenario.path}: sensors.cameras[{i}].times", camera
-    for i, lidar in enumerate(scenario.sensors.lidars or ()):
-        if lidar.times is not None:
-            yield f"lidar/{lidar.id}", f"{scenario.path}: sensors.lidars[{i}].times", lidar
+    for kind, at, spec in scenario.sensors.placed() if scenario.sensors is not None else ():
+        if spec.times is not None:
+            yield f"{kind}/{spec.id}", f"{scenario.path}: sensors.{at}.times", spec
 
 
 def _check_range(start_s: float, stop_s: float, rate_hz: float, place: str) -> None:
@@ -188,7 +177,7 @@ def carried_outside(drive: Drive, scenario: Scenario, times_us: Iterable[int]) -
         if own == "absent":
             return actor
         if actor.is_ego_body:
-            trajectory = _holding(trajectory, first_s, last_s) if ego_rule == "hold" else trajectory
+            pass  # it goes where the vehicle does
         elif own != "continue" and (not actor.is_moving or (own is None and rule == "hold")):
             trajectory = _holding(trajectory, first_s, last_s)
         elif own is None and rule == "absent":
@@ -204,18 +193,8 @@ def carried_outside(drive: Drive, scenario: Scenario, times_us: Iterable[int]) -
     drive = replace(drive, actors={uid: carried(actor) for uid, actor in drive.actors.items()})
     if ego_rule != "hold":
         return drive
-    return replace(
-        drive,
-        world_from_ego=_holding(drive.world_from_ego, first_s, last_s),
-        cameras={
-            name: replace(camera, world_from_camera=_holding(camera.world_from_camera, first_s, last_s))
-            for name, camera in drive.cameras.items()
-        },
-        lidars={
-            name: replace(lidar, world_from_lidar=_holding(lidar.world_from_lidar, first_s, last_s))
-            for name, lidar in drive.lidars.items()
-        },
-    )
+    ego = _holding(drive.world_from_ego, first_s, last_s)
+    return with_riders(drive, ego, lambda riders: [_holding(rider, first_s, last_s) for rider in riders])
 
 
 def _own_rules(scenario: Scenario) -> dict[str, str | None]:

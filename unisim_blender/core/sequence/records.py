@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from ..errors import OutputError
+from ..errors import OutputError, refused
 from ..files import sha256_of_file, write_file
 from ..json_file import json_bytes
 from ..world.captures import CaptureKey, in_order, key_of, name_of
@@ -77,10 +77,8 @@ def write_record(out: Path, key: CaptureKey, captures: Captures, finished: bool)
 def remove_files(out: Path, record: CaptureRecord) -> None:
     """Remove the files of a capture. Raises `OutputError`."""
     for name in record.files:
-        try:
+        with refused(out / name, "removed", OutputError):
             (out / name).unlink(missing_ok=True)
-        except OSError as error:
-            raise OutputError(f"{out / name}: cannot be removed: {error.strerror}") from error
 
 
 def _key(path: Path) -> CaptureKey | None:

@@ -13,7 +13,6 @@ import numpy as np
 
 from ...core.errors import ScenarioError
 from ...core.geometry import BoolArray, FloatArray, Trajectory, invert_pose
-from ...core.world.drive import Actor
 from ..sampled.clock import Clock
 from ..sampled.scene import SAME_M, SampledObject, same
 from ..texts import LOWER, UPPER, Text, cased, series, translatable
@@ -302,33 +301,6 @@ def joined(parts: Iterable[str]) -> str:
     """Return phrases as one: the first as it is, the others beginning small."""
     phrases = [part for part in parts if part]
     return series([*phrases[:1], *(cased(part, LOWER) for part in phrases[1:])], "; ") if phrases else ""
-
-
-def path_phrases(
-    obj: SampledObject,
-    base: FloatArray,
-    lifted: FloatArray,
-    there: BoolArray,
-    actor: Actor | None,
-    clock: Clock,
-    axes: FloatArray | None = None,
-) -> list[str]:
-    """Return in phrases how an object moves otherwise than ``base`` (N, 4, 4), which lies ``lifted`` for an object with
-    another appearance or scale. Directions are those of the ``axes`` (3, 3), of its own where that is None."""
-    at = obj.there & there if (obj.there & there).any() else obj.there
-    few = Clock(clock.frames[at], clock.times_s[at])
-    turn = np.eye(3) if axes is None else axes @ np.swapaxes(base[at, :3, :3], -1, -2)
-    parts = []
-    poses, start, raised = (turned(poses[at], turn) for poses in (obj.poses, base, lifted))
-    if obj.ridden is not None and actor is not None:
-        recorded, ridden = actor.world_from_actor, turned(obj.ridden[at], turn)
-        parts.append(trajectory_words(few, ridden, start, recorded, is_retimed(obj, recorded, clock)))
-        parts.append(displaced_words(invert_pose(ridden @ (invert_pose(start) @ raised)) @ poses))
-    else:
-        parts.append(trajectory_words(few, poses, raised, None, False))
-    if (obj.there != there).any() and not any(part.startswith("Retimed") for part in parts):
-        parts.append(presence_words(clock, obj.there))
-    return [part for part in parts if part]
 
 
 def turned(poses: FloatArray, turn: FloatArray) -> FloatArray:

@@ -10,8 +10,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
+import numpy as np
+
 from ...core.errors import ScenarioError
-from ...core.geometry import BoolArray, FloatArray
+from ...core.geometry import BoolArray, FloatArray, invert_pose
 from ...core.scenario.edit import Edit
 from ...core.scenario.motion.maneuvers import Maneuver
 from ...core.scenario.motion.placement import BoxSpec
@@ -21,7 +23,7 @@ from ..sampled.clock import Clock, recorded_poses, recorded_there
 from ..sampled.scene import Sampled, SampledObject
 from ..sampled.source import scene_actors
 from ..texts import free_name
-from .lines import EditLine
+from .lines import EditLine, displaced_words, is_retimed, line_of, presence_words, trajectory_words, turned
 from .trajectories import pose_or_trajectory
 
 EditT = TypeVar("EditT", bound=Edit)
@@ -110,6 +112,14 @@ class ActorEditContext:
         """The object's names in the scenario and in Blender."""
         return self.here.title, self.here.name
 
+    def line(self, part: str, words: str, edit: Edit, shows: BoolArray | None = None) -> EditLine:
+        """Return the line of an edit of the object, which shows at some frames (N,), by default while the object is
+        there."""
+        obj = self.here
+        return line_of(
+            "ACTOR", obj.uid, part, words, self.names, obj.there if shows is None else shows, self.clock, edit
+        )
+
     @cached_property
     def recorded(self) -> FloatArray:
         """Poses (N, 4, 4) of the recorded actor."""
@@ -141,6 +151,27 @@ class ActorEditContext:
         raised = self.lifted.copy()
         raised[:, :3, 3] += self.here.scale_lift_m * self.recorded[:, :3, 2]
         return raised
+
+    def path_phrases(self) -> list[str]:
+        """Return in phrases how the object moves otherwise than the recorded actor, which lies raised for an object with
+        another appearance or scale. Directions are those of ``axes``."""
+        obj, base, there, clock, recorded = (
+            self.here, self.recorded, self.recorded_there, self.clock, self.known.world_from_actor,
+        )  # fmt: skip
+        at = obj.there & there if (obj.there & there).any() else obj.there
+        few = Clock(clock.frames[at], clock.times_s[at])
+        turn = np.eye(3) if self.axes is None else self.axes @ np.swapaxes(base[at, :3, :3], -1, -2)
+        parts = []
+        poses, start, raised = (turned(poses[at], turn) for poses in (obj.poses, base, self.raised))
+        if obj.ridden is not None:
+            ridden = turned(obj.ridden[at], turn)
+            parts.append(trajectory_words(few, ridden, start, recorded, is_retimed(obj, recorded, clock)))
+            parts.append(displaced_words(invert_pose(ridden @ (invert_pose(start) @ raised)) @ poses))
+        else:
+            parts.append(trajectory_words(few, poses, raised, None, False))
+        if (obj.there != there).any() and not any(part.startswith("Retimed") for part in parts):
+            parts.append(presence_words(clock, obj.there))
+        return [part for part in parts if part]
 
     @property
     def appearance_size_m(self) -> FloatArray:

@@ -31,7 +31,7 @@ from ...core.scenario.motion.maneuvers import Maneuver
 from ...core.scenario.motion.paths import arc_lengths_of, is_path
 from ...core.scenario.motion.trajectories import merged_times, sampled_keys
 from ...core.world.drive import Actor
-from ..edits.lines import EditLine, joined, line_of, path_phrases, unmoved
+from ..edits.lines import EditLine, joined, line_of, unmoved
 from ..edits.maneuvers import PLACED, noted
 from ..edits.reader import (
     ACTORS,
@@ -86,6 +86,7 @@ class Actors(GroupReader):
         yield from (row for row, _ in rows)
 
     def lines(self, reading: ReadContext, uid: str) -> Iterator[EditLine]:
+        """The edits of one id."""
         for item in read_edits(reading, uid):
             has_line = item.has_line and not item.maneuvers
             line = item.reader.line(item.edit, item.context) if has_line else None
@@ -93,6 +94,7 @@ class Actors(GroupReader):
                 yield line
 
     def edited_ids(self, reading: ReadContext) -> set[str]:
+        """Recorded actors with an edit."""
         by_id = _by_id(reading)
         return {
             uid
@@ -244,10 +246,12 @@ class SwapReader(ActorReader[Swap]):
     """Reads appearances."""
 
     def read(self, context: ActorEditContext) -> Swap | None:
+        """Return the swap to the appearance that the object notes; None where it notes none."""
         obj = context.here
         return Swap(context.known.uid, obj.appearance, context.appearance_scene) if obj.appearance else None
 
     def line(self, edit: Swap, context: ActorEditContext) -> EditLine:
+        """Return a line that says whose appearance it is."""
         actors = context.reading.drive.actors
         of_this_scene = edit.scene is None and edit.appearance in actors
         named = (
@@ -255,8 +259,7 @@ class SwapReader(ActorReader[Swap]):
             if of_this_scene
             else Text("{actor} of {scene}", actor=edit.appearance, scene=Path(edit.scene or "").name)
         )
-        words, there = Text("Appearance of {actor}", actor=named), context.here.there
-        return line_of("ACTOR", edit.actor, "APPEARANCE", words, context.names, there, context.clock, edit)
+        return context.line("APPEARANCE", Text("Appearance of {actor}", actor=named), edit)
 
 
 @register
@@ -279,8 +282,8 @@ class MoveReader(ActorReader[Move]):
         differs = (obj.there != there) | (obj.there & ~same(obj.poses, raised))
         if obj.scale_lift_m and not differs.any():
             return None
-        words = joined(path_phrases(obj, context.recorded, raised, there, context.known, context.clock, context.axes))
-        return line_of("ACTOR", edit.actor, "MOVE", words or Text("Moved"), context.names, differs, context.clock, edit)
+        words = joined(context.path_phrases())
+        return context.line("MOVE", words or Text("Moved"), edit, differs)
 
 
 def _apart(actor: Actor, obj: SampledObject, clock: Clock, there: BoolArray) -> FloatArray:
@@ -341,15 +344,17 @@ class ScaleReader(ActorReader[Scale]):
     """Reads sizes, also those of new actors."""
 
     def read(self, context: ActorEditContext) -> Scale | None:
+        """The object's factors."""
         return self.read_new(context.known.uid, context)
 
     def read_new(self, new: str, context: ActorEditContext) -> Scale | None:
+        """The object's factors."""
         factors = context.here.scaling.factors
         return Scale(new, factors) if factors != UNIT else None
 
     def line(self, edit: Scale, context: ActorEditContext) -> EditLine:
-        words, there = Text("Scaled by {factors}", factors=scale_text(edit.factors)), context.here.there
-        return line_of("ACTOR", edit.actor, "SCALE", words, context.names, there, context.clock, edit)
+        """Return a line with the factors."""
+        return context.line("SCALE", Text("Scaled by {factors}", factors=scale_text(edit.factors)), edit)
 
 
 @register
@@ -374,18 +379,15 @@ class DuplicateReader(NewActorReader[Duplicate]):
             beside = np.einsum("nji,nj->ni", base[at, :3, :3], apart)
             if (np.ptp(beside, axis=0) <= 2 * SAME_M).all():
                 return Duplicate(actor.uid, uid, offset_m=vector(beside.mean(0)))
-        return Duplicate(
-            actor.uid, uid, **context.path(), present=present(context.clock, obj.there) if changed else None
-        )
+        when = present(context.clock, obj.there) if changed else None
+        return Duplicate(actor.uid, uid, **context.path(), present=when)
 
     def line(self, edit: Duplicate, context: ActorEditContext) -> EditLine:
-        obj, base = context.here, context.recorded
-        words = path_phrases(
-            obj, base, context.raised, context.recorded_there, context.known, context.clock, context.axes
-        )
+        """Return where the copy is, beside the recorded actor."""
+        words = context.path_phrases()
         words[:1] = [unmoved(phrase) for phrase in words[:1]]
         what = Text("Copied: {how}", how=cased(joined(words), LOWER)) if words else Text("Copied, in place")
-        return line_of("ACTOR", obj.uid, "COPY", what, context.names, obj.there, context.clock, edit)
+        return context.line("COPY", what, edit)
 
 
 @register
@@ -398,20 +400,15 @@ class InsertReader(NewActorReader[Insert]):
         return bool(obj.appearance) if context.actor is not None else not obj.mesh
 
     def read(self, context: ActorEditContext) -> Insert:
+        """The object's appearance and path."""
         obj = context.here
-        uid = context.reading.new_id(obj)
         path = ActorEditContext(context.reading, obj, None).path()
-        return Insert(
-            obj.appearance or obj.uid,
-            uid,
-            context.appearance_scene,
-            **path,
-            present=present(context.clock, obj.there),
-        )
+        when = present(context.clock, obj.there)
+        uid = context.reading.new_id(obj)
+        return Insert(obj.appearance or obj.uid, uid, context.appearance_scene, **path, present=when)
 
     def line(self, edit: Insert, context: ActorEditContext) -> EditLine:
-        obj = context.here
-        return line_of("ACTOR", obj.uid, "INSERT", Text("Inserted"), context.names, obj.there, context.clock, edit)
+        return context.line("INSERT", Text("Inserted"), edit)
 
 
 @register
@@ -423,10 +420,10 @@ class InsertMeshReader(NewActorReader[InsertMesh]):
         return context.actor is None and bool(context.here.mesh)
 
     def read(self, context: ActorEditContext) -> InsertMesh:
+        """The model's file and the object's path."""
         obj, reading = context.here, context.reading
         uid, when = reading.new_id(obj), present(context.clock, obj.there)
         return InsertMesh(reading.relative(obj.mesh), uid, obj.label or None, **context.path(), present=when)
 
     def line(self, edit: InsertMesh, context: ActorEditContext) -> EditLine:
-        obj = context.here
-        return line_of("ACTOR", obj.uid, "MESH", Text("Mesh inserted"), context.names, obj.there, context.clock, edit)
+        return context.line("MESH", Text("Mesh inserted"), edit)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from ...core.scenario.edits import Brake, Cross, CutInManeuver, Duplicate, Follow, Insert, InsertMesh, LaneChange
 from ...core.scenario.motion.maneuvers import Maneuver
-from ..edits.lines import EditLine, joined, line_of, metres, seconds
+from ..edits.lines import EditLine, joined, metres, seconds
 from ..edits.reader import GroupReader, ReadContext, register
 from ..sampled.scene import same
 from ..texts import Text, series, translatable
@@ -45,7 +45,7 @@ def maneuver_line(item: ReadEdit) -> EditLine:
         part, first = ("INSERT", Text("Inserted")) if isinstance(edit, Insert) else ("MESH", Text("Mesh inserted"))
     obj = context.here
     differs = obj.there if context.actor is None or first else ~same(obj.poses, context.raised)
-    return line_of("ACTOR", obj.uid, part, joined([first, *words]), context.names, differs, context.clock, edit)
+    return context.line(part, joined([first, *words]), edit, differs)
 
 
 def maneuver_words(maneuver: Maneuver) -> str:

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.errors import OutputError, ScenarioError, in_a_line
+from ...core.errors import OutputError, ScenarioError, in_a_line, refused
 from ...core.files import partial_file
 from ...core.meshes.model import SUFFIX, MeshModel, write_model
 from ...core.scenario import save_scenario, scenario_from_json, scenario_to_json
@@ -217,14 +217,14 @@ def _with_times(sensors: Sensors | None, times: dict[str, Times], drive: Drive) 
     if not times:
         return sensors
     listed = sensors or Sensors()
-    cameras, lidars = listed.cameras, listed.lidars
-    if any(name.startswith("camera/") for name in times):
-        every = tuple(CameraSpec(name) for name in drive.cameras) if cameras is None else cameras
-        cameras = tuple(replace(spec, times=times.get(f"camera/{spec.id}")) for spec in every)
-    if any(name.startswith("lidar/") for name in times):
-        beams = tuple(LidarSpec(name) for name in drive.lidars) if lidars is None else lidars
-        lidars = tuple(replace(spec, times=times.get(f"lidar/{spec.id}")) for spec in beams)
-    return Sensors(cameras, lidars)
+    kinds = {name.partition("/")[0] for name in times}
+    if listed.cameras is None and "camera" in kinds:
+        listed = replace(listed, cameras=tuple(CameraSpec(name) for name in drive.cameras))
+    if listed.lidars is None and "lidar" in kinds:
+        listed = replace(listed, lidars=tuple(LidarSpec(name) for name in drive.lidars))
+    return listed.with_times(
+        lambda spec: times.get(f"{'camera' if isinstance(spec, CameraSpec) else 'lidar'}/{spec.id}")
+    )
 
 
 def write_scenario(scenario: Scenario, path: Path) -> None:
@@ -244,11 +244,9 @@ def write_scenario(scenario: Scenario, path: Path) -> None:
 def _copy(source: Path, target: Path) -> None:
     if target.is_file():  # named after what it holds
         return
-    try:
+    with refused(target, "written", OutputError):
         with partial_file(target) as temporary:
             shutil.copyfile(source, temporary)
-    except OSError as fault:
-        raise OutputError(f"{target}: cannot be written: {fault.strerror}") from fault
 
 
 def file_of(model: MeshModel) -> Path:

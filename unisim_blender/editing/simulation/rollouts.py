@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...core.errors import OutputError, UnisimError, in_a_line
+from ...core.errors import OutputError, UnisimError, in_a_line, refused
 from ...core.files import write_file
 from ...core.geometry import FloatArray
 from ...core.json_file import read_json
@@ -150,10 +150,8 @@ def read_rollout(folder: Path) -> RolloutTimes:
     """Return what happened in a rollout, from its steps; a last line that is not whole is left out. Raises
     `OutputError`."""
     path = folder / STEPS
-    try:
+    with refused(path, "read", OutputError):
         content = path.read_bytes()
-    except OSError as fault:
-        raise OutputError(f"{path}: cannot be read: {fault.strerror}") from fault
     steps = []
     for number, line in enumerate(content[: content.rfind(b"\n") + 1].splitlines(), 1):
         try:

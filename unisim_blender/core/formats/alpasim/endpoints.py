@@ -8,7 +8,7 @@ from typing import Any
 
 import grpc
 
-from ...errors import UnisimError
+from ...errors import UnisimError, refused
 
 MOST_BYTES = 64 << 20
 """Of a message, as AlpaSim has it."""
@@ -57,7 +57,5 @@ def channel_to(address: str, authority: Path | None, option: str) -> Any:
 
 def read_file(path: Path) -> bytes:
     """Return the bytes of a file. Raises `UnisimError`."""
-    try:
+    with refused(path, "read", UnisimError):
         return path.read_bytes()
-    except OSError as error:
-        raise UnisimError(f"{path}: cannot be read: {error.strerror}") from error

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TypeVar
 from xml.etree.ElementTree import Element
 
-from ...errors import ScenarioError, in_a_line, short
+from ...errors import ScenarioError, in_a_line, refused, short
 from .expressions import ExpressionError, Scope, text_of
 
 MOST_BYTES = 64 << 20
@@ -302,12 +302,10 @@ def read_child(node: XmlNode, readers: Mapping[tuple[str, ...], Callable[[XmlNod
 
 def xml_root(path: Path) -> Element:
     """Return the root of an XML file. Raises `ScenarioError`; entities of its own are refused unread."""
-    try:
+    with refused(path, "read", ScenarioError):
         if os.path.getsize(path) > MOST_BYTES:
             raise ScenarioError(f"{path}: has {os.path.getsize(path)} bytes, more than {MOST_BYTES}")
         data = path.read_bytes()
-    except OSError as error:
-        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data or data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise ScenarioError(f"{path}: has a DOCTYPE or entities of its own, which are not read")
     # the parser knows version 1.0 of XML alone; others differ in what names and control characters may be

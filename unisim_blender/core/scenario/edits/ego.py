@@ -3,15 +3,14 @@ its body with it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...geometry import FloatArray, Trajectory, invert_pose
 from ...world.drive import Drive
 from ..checks import require
-from ..context import SENSOR_MARGIN_S, EditContext
+from ..context import EditContext, sensor_span_s, with_riders
 from ..edit import Edit, register
 from ..motion.keys import Beyond, Keyframes, ShiftKey, check_keys
 from ..motion.trajectories import (
@@ -67,17 +66,17 @@ class Ego(Edit):
             shift = np.interp(t, times, left)
             return np.stack([np.zeros_like(shift), shift, np.zeros_like(shift)], -1)
 
-        start, end = _span(drive)
+        start, end = sensor_span_s(drive)
         keys = merged_times(drive.world_from_ego.times_s, times, np.array([start, end]))
         curve = offset_curve(drive.world_from_ego, keys, offset_at)
-        return _with_riders(
+        return with_riders(
             drive, displaced(drive.world_from_ego, curve), lambda riders: [displaced(rider, curve) for rider in riders]
         )
 
 
 def _on_trajectory(drive: Drive, new: Trajectory) -> Drive:
     old = drive.world_from_ego
-    start, end = _span(drive)
+    start, end = sensor_span_s(drive)
     resting = Resting.on(new)
 
     def carried(riders: list[Trajectory]) -> list[Trajectory]:
@@ -91,26 +90,4 @@ def _on_trajectory(drive: Drive, new: Trajectory) -> Drive:
         times = [merged_times(new.times_s, old.times_s, rider.times_s, ends) for rider in riders]
         return sampled_together(poses, times)
 
-    return _with_riders(drive, new, carried)
-
-
-def _with_riders(
-    drive: Drive, world_from_ego: Trajectory, carried: Callable[[list[Trajectory]], list[Trajectory]]
-) -> Drive:
-    bodies = {key: actor for key, actor in drive.actors.items() if actor.is_ego_body}
-    riders = [camera.world_from_camera for camera in drive.cameras.values()]
-    riders += [lidar.world_from_lidar for lidar in drive.lidars.values()]
-    riders += [body.world_from_actor for body in bodies.values()]
-    there = iter(carried(riders) if riders else [])
-    return replace(
-        drive,
-        world_from_ego=world_from_ego,
-        cameras={key: replace(camera, world_from_camera=next(there)) for key, camera in drive.cameras.items()},
-        lidars={key: replace(lidar, world_from_lidar=next(there)) for key, lidar in drive.lidars.items()},
-        actors={**drive.actors, **{key: replace(body, world_from_actor=next(there)) for key, body in bodies.items()}},
-    )
-
-
-def _span(drive: Drive) -> tuple[float, float]:
-    """First and last time at which any sensor may look."""
-    return min(drive.time_s.values()) - SENSOR_MARGIN_S, max(drive.time_s.values()) + SENSOR_MARGIN_S
+    return with_riders(drive, new, carried)

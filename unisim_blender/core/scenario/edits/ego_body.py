@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from ...world.drive import Actor, Appearance, Drive
-from ..context import SENSOR_MARGIN_S, EditContext, check_new, mesh_of, with_actor
+from ..context import EditContext, check_new, mesh_of, riding, with_actor
 from ..edit import Edit, register
 from ..json_schema import FilePath
 from ..motion.placement import Placement, check_rotation, pose_of
-from ..motion.trajectories import is_moving, merged_times, sampled
+from ..motion.trajectories import is_moving
 from ..types import Scenario
 
 DEFAULT_LABEL = "Car"
@@ -41,9 +39,7 @@ class EgoBody(Edit):
         """Return the drive with a mesh on the vehicle, wherever edits before and after this one let it drive."""
         path, size_m = mesh_of(self.mesh, place, context)
         check_new(drive, self.id, place, context)
-        ego, mount = drive.world_from_ego, pose_of(self.mount)
-        ends = np.array([min(drive.time_s.values()) - SENSOR_MARGIN_S, max(drive.time_s.values()) + SENSOR_MARGIN_S])
-        trajectory = sampled(lambda t: ego.at(t) @ mount, merged_times(ego.times_s, ends))
+        trajectory = riding(drive, pose_of(self.mount))
         start, end = context.presence(None, place)
         body = Actor(
             self.id, self.label or DEFAULT_LABEL, size_m, trajectory, start, end, is_moving(trajectory),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
 from ..checks import require
@@ -117,6 +118,21 @@ class Sensors:
     cameras: tuple[CameraSpec, ...] | None = None
     lidars: tuple[LidarSpec, ...] | None = None
 
+    def placed(self) -> Iterator[tuple[str, str, CameraSpec | LidarSpec]]:
+        """Yield each sensor's kind, "camera" or "lidar", its place below ``sensors``, and the sensor."""
+        for i, camera in enumerate(self.cameras or ()):
+            yield "camera", f"cameras[{i}]", camera
+        for i, lidar in enumerate(self.lidars or ()):
+            yield "lidar", f"lidars[{i}]", lidar
+
+    def with_times(self, times_of: Callable[[CameraSpec | LidarSpec], Times | None]) -> Sensors:
+        """Return the sensors with other times of their own."""
+        cameras, lidars = self.cameras, self.lidars
+        return Sensors(
+            None if cameras is None else tuple(replace(spec, times=times_of(spec)) for spec in cameras),
+            None if lidars is None else tuple(replace(spec, times=times_of(spec)) for spec in lidars),
+        )
+
 
 DEFS: dict[str, Schema] = {
     "sensors": members_of(
@@ -132,19 +148,14 @@ DEFS: dict[str, Schema] = {
 
 def check_sensors(sensors: Sensors, place: str) -> None:
     """Raise `ScenarioError` for ids that stand twice and for places that exclude each other."""
-    both: dict[str, tuple[CameraSpec | LidarSpec, ...]] = {
-        "cameras": sensors.cameras or (),
-        "lidars": sensors.lidars or (),
-    }
-    for kind, specs in both.items():
-        seen: set[str] = set()
-        for index, spec in enumerate(specs):
-            here = f"{place}.{kind}[{index}]"
-            require(spec.id not in seen, f"{here}.id", f'"{spec.id}" stands twice')
-            seen.add(spec.id)
-            given = [name for name in ("mount", "mount_offset", "trajectory") if getattr(spec, name) is not None]
-            require(len(given) <= 1, here, f"has both {' and '.join(given)}, which exclude each other")
-            check_keys(spec.trajectory or (), f"{here}.trajectory")
-            for member, rotation in (("mount", spec.mount), ("mount_offset", spec.mount_offset)):
-                if rotation is not None:
-                    check_rotation(rotation, f"{here}.{member}")
+    seen: set[tuple[str, str]] = set()
+    for kind, at, spec in sensors.placed():
+        here = f"{place}.{at}"
+        require((kind, spec.id) not in seen, f"{here}.id", f'"{spec.id}" stands twice')
+        seen.add((kind, spec.id))
+        given = [name for name in ("mount", "mount_offset", "trajectory") if getattr(spec, name) is not None]
+        require(len(given) <= 1, here, f"has both {' and '.join(given)}, which exclude each other")
+        check_keys(spec.trajectory or (), f"{here}.trajectory")
+        for member, rotation in (("mount", spec.mount), ("mount_offset", spec.mount_offset)):
+            if rotation is not None:
+                check_rotation(rotation, f"{here}.{member}")

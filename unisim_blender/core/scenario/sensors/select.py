@@ -15,7 +15,7 @@ from ...sensors.beam_tables import BEAM_TABLES
 from ...sensors.unprojection import shows_something
 from ...world.drive import Camera, CameraModel, Drive, Lidar, LidarModel, RollingShutter
 from ..checks import fail, listed
-from ..context import SENSOR_MARGIN_S, EditContext
+from ..context import EditContext, riding, sensor_span_s
 from ..motion.placement import Offset, Placement, pose_of, rotation_of
 from ..motion.trajectories import merged_times, sampled
 from .document import CameraSpec, LidarSpec, Shutter
@@ -298,8 +298,11 @@ def _trajectory(
     place: str,
 ) -> Trajectory:
     """Return the sensor's trajectory in the world: one of its own, or on the vehicle."""
+    if spec.mount is not None:
+        return riding(drive, mounted_pose(spec.mount, front_from_sensor))
     if spec.trajectory is None:
-        return _mounted(drive, spec.mount, spec.mount_offset, recorded, front_from_sensor)
+        assert recorded is not None  # a sensor without a mount is one of the log
+        return recorded if spec.mount_offset is None else _displaced(drive, recorded, spec.mount_offset)
     # a key with angles looks along x at 0, as a mount does
     own = context.trajectory(None, spec.trajectory, None, place)
     turned = np.array([key.quaternion_wxyz is None for key in spec.trajectory])
@@ -317,23 +320,9 @@ def mounted_pose(mount: Placement, front_from_sensor: FloatArray) -> FloatArray:
     return ego_from_sensor
 
 
-def _mounted(
-    drive: Drive,
-    mount: Placement | None,
-    offset: Offset | None,
-    recorded: Trajectory | None,
-    front_from_sensor: FloatArray,
-) -> Trajectory:
-    """Return the sensor's trajectory in the world: on a mount, or as recorded and then displaced."""
-    ego = drive.world_from_ego
-    ends = np.array([min(drive.time_s.values()) - SENSOR_MARGIN_S, max(drive.time_s.values()) + SENSOR_MARGIN_S])
-    if mount is not None:
-        ego_from_sensor = mounted_pose(mount, front_from_sensor)
-        return sampled(lambda t: ego.at(t) @ ego_from_sensor, merged_times(ego.times_s, ends))
-    assert recorded is not None  # a sensor without a mount is one of the log
-    if offset is None:
-        return recorded
-    moved = np.array(offset.position or (0.0, 0.0, 0.0), float)
+def _displaced(drive: Drive, recorded: Trajectory, offset: Offset) -> Trajectory:
+    """Return a sensor's trajectory in the world, moved and turned on the vehicle."""
+    ego, moved = drive.world_from_ego, np.array(offset.position or (0.0, 0.0, 0.0), float)
     turned = matrix_from_quaternion(rotation_of(offset))
 
     def poses_at(t: FloatArray) -> FloatArray:
@@ -342,4 +331,4 @@ def _mounted(
         pose[:, :3, :3] = axes @ turned @ np.swapaxes(axes, -1, -2) @ pose[:, :3, :3]
         return pose
 
-    return sampled(poses_at, merged_times(ego.times_s, recorded.times_s, ends))
+    return sampled(poses_at, merged_times(ego.times_s, recorded.times_s, np.array(sensor_span_s(drive))))

@@ -15,7 +15,6 @@ from ...json_file import json_bytes
 from ...prepare.scenario_plan import RenderOptions, plan_scenario
 from ...processes import single_threaded
 from ...scenario import save_scenario
-from ...scenario.sensors.document import Sensors
 from ...scenario.simulation import SimulationSpec
 from ...scenario.time_range import Outside
 from ...scenario.times import actors_outside
@@ -50,10 +49,7 @@ def driven_scenario(simulation: Simulation, rollout: Rollout) -> Scenario:
     for exposure in context.exposures:
         times.setdefault(exposure.capture.sensor_id, []).append(exposure.capture.time_us / US_PER_SECOND)
     assert base.sensors is not None
-    sensors = Sensors(
-        tuple(replace(spec, times=tuple(sorted(times.get(spec.id, ())))) for spec in base.sensors.cameras or ()),
-        tuple(replace(spec, times=tuple(sorted(times.get(spec.id, ())))) for spec in base.sensors.lidars or ()),
-    )
+    sensors = base.sensors.with_times(lambda spec: tuple(sorted(times.get(spec.id, ()))))
     return replace(
         base, edits=(*own, *moved), sensors=sensors, outside=outside, path=simulation.out / SCENARIO_NAME,
         simulation=replace(simulation.spec, jitter=None),  # its starts are drawn

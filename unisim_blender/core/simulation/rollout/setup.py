@@ -14,7 +14,7 @@ import numpy as np
 from ...data.classes import Motion
 from ...data.log import Log, extras_of
 from ...data.road import RoadCells, road_cells
-from ...errors import OutputError
+from ...errors import OutputError, refused
 from ...formats.readers import open_log
 from ...geometry import FloatArray, invert_pose
 from ...prepare.scenario import log_of_scene
@@ -257,8 +257,6 @@ def note_scenario(scenario: Scenario, out: Path, resume: bool) -> None:
         return
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise OutputError(f"{out}: is not empty; name another folder, or continue the rollout it holds with --resume")
-    try:
+    with refused(out, "made", OutputError):
         out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be made: {error.strerror}") from error
     save_scenario(scenario, path)

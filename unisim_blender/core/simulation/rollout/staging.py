@@ -237,8 +237,9 @@ def generator(seed: int, uid: str) -> np.random.Generator:
 
 
 def _listed(sensors: Sensors | None, drive: Drive, wanted: tuple[str, ...]) -> Sensors:
-    cameras = {spec.id: replace(spec, times=None) for spec in (sensors.cameras if sensors else None) or ()}
-    lidars = {spec.id: replace(spec, times=None) for spec in (sensors.lidars if sensors else None) or ()}
+    stated = (sensors or Sensors()).with_times(lambda spec: None)
+    cameras = {spec.id: spec for spec in stated.cameras or ()}
+    lidars = {spec.id: spec for spec in stated.lidars or ()}
     return Sensors(
         tuple(cameras.get(name) or CameraSpec(name) for name in drive.cameras if name in wanted),
         tuple(lidars.get(name) or LidarSpec(name) for name in drive.lidars if name in wanted),

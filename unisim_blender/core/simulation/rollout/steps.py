@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import OutputError, UnisimError
+from ...errors import OutputError, UnisimError, refused
 from ..actors.model import ActorMotion
 from ..states import EgoState
 from ..vehicle.actions import Control, Plan
@@ -112,11 +112,9 @@ def action_from_json(values: Any) -> Action:
 
 def append_step(out: Path, step: RolloutStep) -> None:
     """Write a step behind those that are there. Raises `OutputError`."""
-    try:
+    with refused(out / STEPS_NAME, "written", OutputError):
         with (out / STEPS_NAME).open("a", encoding="utf-8") as file:
             file.write(json.dumps(step.to_json()) + "\n")
-    except OSError as error:
-        raise OutputError(f"{out / STEPS_NAME}: cannot be written: {error.strerror}") from error
 
 
 def read_steps(out: Path) -> list[RolloutStep]:
