@@ -69,12 +69,8 @@ def choice_of(context: bpy.types.Context, folder: str) -> ActorChoices:
     Raises `UnisimError`."""
     if not folder:
         source = source_of(context.scene)
-        log_path, scene_path, actors = (
-            thumbnails.log_of(context.scene),
-            thumbnails.scene_of(context.scene),
-            source.drive.actors,
-        )
-        counted = named_actors(source)
+        log_path, scene_path = thumbnails.log_of(context.scene), thumbnails.scene_of(context.scene)
+        actors, counted = source.drive.actors, named_actors(source)
     else:
         scene_path = Path(bpy.path.abspath(folder))
         header = header_of(scene_path)
@@ -114,7 +110,7 @@ def items_of(context: bpy.types.Context, folder: str, group: str, page: int) -> 
             lasting(uid),
             lasting(choice.names[uid]),
             lasting(class_and_size(choice.actors[uid])),
-            icon_of(choice, uid),
+            thumbnails.icon_of(choice.log_path, uid, choice.scene_path),
             numbers[uid],
         )
         for uid in uids
@@ -124,11 +120,6 @@ def items_of(context: bpy.types.Context, folder: str, group: str, page: int) -> 
 def lasting(text: str) -> str:
     """Return the same text as an object that stays."""
     return _texts.setdefault(text, text)
-
-
-def icon_of(choice: ActorChoices, uid: str) -> int:
-    """Return an actor's thumbnail."""
-    return thumbnails.icon_of(choice.log_path, uid, choice.scene_path)
 
 
 def pages(context: bpy.types.Context, folder: str, group: str) -> int:
@@ -156,11 +147,6 @@ def draw_choice(layout: bpy.types.UILayout, context: bpy.types.Context, operator
     known = operator.appearance in choice.actors
     layout.label(text=choice.names[operator.appearance] if known else "Click the image to choose")
     layout.label(text=class_and_size(choice.actors[operator.appearance]) if known else "")
-
-
-def first_of(context: bpy.types.Context, folder: str, group: str, page: int) -> str:
-    """Return the first actor of a page; "" where it has none."""
-    return items_of(context, folder, group, page)[0][0]
 
 
 WIDTH_PX = 320
@@ -191,8 +177,8 @@ def other_page(self: bpy.types.OperatorProperties, context: bpy.types.Context) -
     if self.page > last:
         self.page = last
         return  # which comes here again
-    first = first_of(context, folder, self.group, self.page)
-    if first:
+    first, *_ = items_of(context, folder, self.group, self.page)[0]
+    if first:  # there is one
         self.appearance = first
 
 
@@ -432,6 +418,5 @@ class UNISIM_OT_insert_from(Needing, bpy.types.Operator, ImportHelper):
         try:
             answer = bpy.ops.unisim.insert_actor("INVOKE_DEFAULT", filepath=self.filepath)
         except RuntimeError as fault:  # what the operator reports
-            self.report({"ERROR"}, str(fault).removeprefix("Error: ").strip())
-            return {"CANCELLED"}
+            return fail(self, UnisimError(str(fault).removeprefix("Error: ").strip()))
         return {"FINISHED"} if answer != {"CANCELLED"} else answer

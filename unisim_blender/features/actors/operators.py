@@ -4,10 +4,10 @@ import bpy
 import numpy as np
 from bpy.props import EnumProperty, FloatVectorProperty, StringProperty
 
+from ...bridge.changes.carriers.own_object import discard
 from ...bridge.changes.motion import displaced_beside, moved_to
 from ...bridge.objects.imported import copy_of, forget_static, mark_static, source_of
 from ...bridge.objects.meshes import make_actor, parts, size_of
-from ...bridge.objects.trajectories import remove
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.window import Need, choose, chosen, drive, object_mode, selected
 from ...core.errors import UnisimError
@@ -60,9 +60,7 @@ class UNISIM_OT_delete_actor(Editing, bpy.types.Operator):
     def edit(self, context: bpy.types.Context) -> None:
         gone = chosen(context, "ACTOR", "STATIC")
         for obj in gone:
-            for part in obj.children_recursive if obj.unisim.mesh else ():
-                bpy.data.objects.remove(part)
-            remove(obj)
+            discard(obj)
         self.report({"INFO"}, message("Objects deleted: {count}", count=len(gone)))
 
 
