@@ -2,59 +2,43 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+
 import bpy
 
-from . import headless, operators, panels, preferences, translations
-from .bridge.changes import following
-from .bridge.sampling import adjacent_frames
+from . import headless
 from .core.errors import install_into
-from .features.actor_list import listing, timeline
-from .features.actors import thumbnails
-from .features.batch import properties as batch_properties
-from .features.drive import properties as drive_properties
-from .features.edits import properties as edit_properties
-from .features.edits import watch as edit_watch
-from .features.motion import gizmos
-from .features.motion import overlay as speed_overlay
-from .features.points import clouds
-from .features.simulation import overlay as rollout_overlay
-from .features.simulation import properties as simulation_properties
-from .operators import documentation, menus
 from .process import client
 from .process.interpreters import MODULES
 from .registering import close_room, open_room
-from .viewport import compare_view, engine, notice_text, overlays, view_types
-from .viewport import options as view_options
 
-ROOMS = (
-    translations,
-    drive_properties,
-    edit_properties,
-    simulation_properties,
-    batch_properties,
-    view_options,
-    preferences,
-    adjacent_frames,
-    following,
-    edit_watch,
-    listing,
-    thumbnails,
-    *operators.MODULES,
-    *panels.MODULES,
-    menus,
-    overlays,
-    rollout_overlay,
-    speed_overlay,
-    gizmos,
-    clouds,
-    timeline,
-    view_types,
-    compare_view,
-    notice_text,
-    engine,
-    documentation,
+ROOMS = tuple(
+    import_module(f".{name}", __package__)
+    for name in """
+    translations features.drive.properties features.edits.properties features.simulation.properties
+    features.batch.properties viewport.options preferences bridge.sampling.adjacent_frames bridge.changes.following
+    features.edits.watch features.actor_list.listing features.actors.thumbnails
+
+    features.motion.properties features.drive.import_operators features.drive.export_operators
+    features.actor_list.operators features.actors.operators features.edits.operators features.actors.appearances
+    features.motion.operators features.motion.maneuvers features.sensors.operators features.motion.drag
+    features.motion.rows features.sensors.rig_presets features.points.operators features.points.birds_eye
+    process.background process.preparation features.output.operators features.simulation.operators
+    features.batch.operators features.variants.operators process.interpreters process.packages features.problems
+    features.settings features.actors.assets
+
+    features.sidebar features.first_steps features.drive.panel features.actor_list.panel features.actors.panel
+    features.motion.panel features.edits.panel features.variants.panel features.ego features.sensors.panel
+    features.check features.output.panel features.training features.simulation.panel features.batch.panel
+    panels.statusbar
+
+    operators.menus viewport.overlays features.simulation.overlay features.motion.overlay features.motion.gizmos
+    features.points.clouds features.actor_list.timeline viewport.view_types viewport.compare_view viewport.notice_text
+    viewport.engine operators.documentation
+    """.split()
 )
-"""In the order in which they need each other."""
+"""Modules in the order in which they need each other: properties, operators, panels in the order of the sidebar, and what views
+and menus show."""
 
 _commands: list[object] = []
 """Commands that were added to `blender --command`."""

@@ -23,7 +23,7 @@ from unisim_blender.editing.motion.kinematics import Limits
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.texts import kmh
 from unisim_blender.features.actor_list import listing
-from unisim_blender.features.actor_list.operators import GROUPS, ORDERS
+from unisim_blender.features.actor_list.operators import GROUPS, ORDERS, turn_to
 from unisim_blender.features.actor_list.panel import UNISIM_UL_actors
 
 
@@ -258,3 +258,16 @@ def test_card_list_and_graph_say_the_same_speed(street: Any) -> None:
         card = card_of(street, one, drive)
         assert card.speed_m_s == pytest.approx(entry.speed_m_s, abs=1e-4)
         assert kmh(card.speed_m_s) == f"{speed_text(entry)} km/h" == values(graph, frame)[1][0]
+
+
+def test_a_view_that_leaves_its_camera_for_an_actor_is_25_m_away(street: Any) -> None:
+    car = driving_car(street)
+    street.camera = None  # which has nothing in its image
+    looks = SimpleNamespace(view_perspective="CAMERA", view_rotation=None, view_distance=3.0, view_location=None)
+    area = SimpleNamespace(type="VIEW_3D", spaces=SimpleNamespace(active=SimpleNamespace(region_3d=looks)))
+    context: Any = SimpleNamespace(area=area, scene=street)
+    turn_to(context, car)
+    assert (looks.view_perspective, looks.view_distance) == ("PERSP", 25.0)
+    looks.view_distance = 80.0
+    turn_to(context, car)
+    assert looks.view_distance == 60.0 and tuple(looks.view_location) == tuple(car.matrix_world.translation)

@@ -285,7 +285,7 @@ def test_a_view_never_draws_a_rollout_with_another_engine(street: Any, rolled: P
 def steps_of(folder: Path) -> Any:
     """What the operator's steps need of it."""
     own = SimpleNamespace(filepath="", directory=str(folder), timer=None, report=lambda *_: None)
-    for name in ("run", "parts", "bring_in", "bring_in_edited"):
+    for name in ("parts", "bring_in", "bring_in_edited"):
         setattr(own, name, getattr(UNISIM_OT_open_rollout, name).__get__(own))
     return own
 

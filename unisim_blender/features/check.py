@@ -14,7 +14,6 @@ from bpy.props import FloatVectorProperty, IntProperty, StringProperty
 from ..bridge.changes.following import dragging
 from ..bridge.objects.imported import source_of
 from ..bridge.sampling.edit_state import edit_state
-from ..bridge.sampling.stepping import sample_all
 from ..bridge.window import choose, drive, redraw, run_soon
 from ..core.world.drive import Drive
 from ..editing.motion.kinematics import Limits
@@ -81,7 +80,7 @@ def findings_of(sampled: Sampled, drive: Drive, limits: Limits, is_trained: bool
     return [*lacking, *warnings_of(readable, drive, limits, is_trained)]
 
 
-class UNISIM_OT_check(AtOnce, Editing, bpy.types.Operator):
+class UNISIM_OT_check(Editing, AtOnce, bpy.types.Operator):
     """List implausible edits: overlaps, sideways or too fast cars, actors off the ground, far or unseen camera views"""
 
     bl_label = "Check Edits"
@@ -97,12 +96,8 @@ class UNISIM_OT_check(AtOnce, Editing, bpy.types.Operator):
         source = source_of(scene)
         drive, is_trained = source.drive, source.scene_path is not None
         clock, limits = Clock.of(drive), limits_of(scene)
-        if self.timer is None:
-            sampled = sample_all(scene, clock)
-            warnings = findings_of(sampled, drive, limits, is_trained)
-        else:
-            sampled = yield from sampled_in_steps(scene, clock)
-            warnings = yield from in_thread(lambda: findings_of(sampled, drive, limits, is_trained))
+        sampled = yield from sampled_in_steps(scene, clock)
+        warnings = yield from in_thread(lambda: findings_of(sampled, drive, limits, is_trained))
         note = shadow_note(sampled, drive, is_trained)
         check.shadows.text, check.shadows.text_parts = note, packed(note)
         check.warnings.clear()
@@ -150,7 +145,6 @@ class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
     tasks = ("EDIT",)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw a line for each finding, which jumps to the place."""
         self.layout.operator("unisim.check", icon="CHECKMARK")
         check, outdated = context.scene.unisim_check, is_outdated(context.scene)
         if not check.state:
@@ -176,9 +170,7 @@ class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
 
 HANDLERS = (
     ("depsgraph_update_post", compare_soon),
-    ("load_post", compare_all),
-    ("undo_post", compare_all),
-    ("redo_post", compare_all),
+    *((name, compare_all) for name in ("load_post", "undo_post", "redo_post")),
 )
 TIMERS = (compare,)
 

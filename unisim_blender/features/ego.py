@@ -11,11 +11,11 @@ from ..core.errors import UnisimError
 from ..core.scenario.edits.ego_body import DEFAULT_LABEL
 from ..translations import message
 from .actors.operators import DIRECTIONS, selected_meshes
-from .operator_bases import Editing, in_metres
+from .operator_bases import EditsObjects, in_metres
 from .sidebar import DrivePanel, row_of
 
 
-class UNISIM_OT_shift_ego(Editing, bpy.types.Operator):
+class UNISIM_OT_shift_ego(EditsObjects, bpy.types.Operator):
     """Displace the trajectory of the ego vehicle and its sensors to the left or right"""
 
     bl_label = "Shift Ego Lane"
@@ -30,13 +30,18 @@ class UNISIM_OT_shift_ego(Editing, bpy.types.Operator):
         return vehicles
 
 
+def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Return the objects that are the ego vehicle's body."""
+    return [obj for obj in scene.objects if obj.unisim.kind == "BODY"]
+
+
 PLACES = (
     ("VEHICLE", "On the vehicle", "Pointing ahead, on the height of the vehicle's origin, its rear 1 m behind that"),
     ("HERE", "Current Location", "Keep the current location, as part of the vehicle from this frame on"),
 )
 
 
-class UNISIM_OT_ego_body(Editing, bpy.types.Operator):
+class UNISIM_OT_ego_body(EditsObjects, bpy.types.Operator):
     """Use the selected mesh objects and their children as the body of the ego vehicle, which sensors on it do not see"""
 
     bl_label = "Use as Ego Body"
@@ -65,17 +70,12 @@ class UNISIM_OT_ego_body(Editing, bpy.types.Operator):
         return [body]
 
 
-def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Return the bodies of the ego vehicle."""
-    return list(imported_objects(scene, "BODY"))
-
-
 def ego_body(context: bpy.types.Context) -> Need:
     """The ego vehicle has a body."""
     return bodies_of(context.scene), "No mesh is the ego vehicle's body: Use as Ego Body makes one"
 
 
-class UNISIM_OT_release_ego_body(Editing, bpy.types.Operator):
+class UNISIM_OT_release_ego_body(EditsObjects, bpy.types.Operator):
     """Turn the selected ego bodies, or all if none is selected, back into ordinary objects, which no sensor sees"""
 
     bl_label = "Release Ego Body"

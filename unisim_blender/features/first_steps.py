@@ -33,7 +33,6 @@ class UNISIM_PT_first_steps(Sidebar, bpy.types.Panel):
         return not context.scene.unisim.log or context.scene.unisim.first_steps
 
     def draw_header_preset(self, context: bpy.types.Context) -> None:
-        """Draw what hides the steps."""
         if context.scene.unisim.log:
             self.layout.prop(context.scene.unisim, "first_steps", text="", icon="X", emboss=False)
 

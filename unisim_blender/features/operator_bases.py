@@ -69,13 +69,17 @@ class Needing:
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Return whether all needs are met."""
-        return allowed(cls, *(need(context) for need in cls.needs))
+        return all(allowed(cls, need(context)) for need in cls.needs)
 
 
 class Editing(Needing):
-    """Base of operators that edit the drive, each one undo step. Errors are reported."""
+    """Base of operators that change the file, each one undo step."""
 
     bl_options = {"REGISTER", "UNDO"}
+
+
+class EditsObjects(Editing):
+    """Base of those that change objects of the drive. Errors are reported."""
 
     def edit(self: Any, context: bpy.types.Context) -> list[bpy.types.Object] | set[str] | None:
         """Edit it. Return the objects that are to be evaluated again, or the operator's result where that is another one

@@ -120,5 +120,4 @@ class UNISIM_OT_show_preferences(bpy.types.Operator):
     bl_label = "UniSim Preferences"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Show them unfolded."""
         return bpy.ops.preferences.addon_show(module=__package__.rpartition(".")[0])

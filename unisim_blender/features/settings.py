@@ -84,7 +84,6 @@ class UNISIM_OT_install_package(_OfPackage, bpy.types.Operator):
         return context.window_manager.invoke_props_dialog(self, width=DIALOG_WIDTH, confirm_text="Install")
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw what is downloaded, from where and into what folder; and what forbids it."""
         package, column = PACKAGES[self.package], self.layout.column(align=True)
         asked = interface(
             "Downloads {package} (about {size} MB) from the package index by pip, and installs it into {folder}",
@@ -132,7 +131,6 @@ class UNISIM_OT_clear_cache(Needing, AtOnce, bpy.types.Operator):
         return context.window_manager.invoke_confirm(self, event, title=self.bl_label, message=self.__doc__ or "")
 
     def work(self, context: bpy.types.Context) -> Iterator[str | None]:
-        """Delete in a thread, and measure again."""
         yield from in_thread(clear_cache)
         measure()
 

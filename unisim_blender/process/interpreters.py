@@ -62,13 +62,8 @@ class Probe:
 
 def command(interpreter: str, *arguments: str) -> list[str]:
     """The command line that runs the bootstrap, apart from the user's own packages and variables."""
-    return [
-        interpreter,
-        "-I",
-        str(BOOTSTRAP),
-        os.pathsep.join(map(str, (WHEELS, MODULES, *package_folders()))),
-        *arguments,
-    ]
+    folders = os.pathsep.join(map(str, (WHEELS, MODULES, *package_folders())))
+    return [interpreter, "-I", str(BOOTSTRAP), folders, *arguments]
 
 
 def package_folders() -> list[Path]:
@@ -138,25 +133,16 @@ def report_of(chosen: str) -> str:
     about = python.about
     torch = f", torch {about['torch']}" if about["torch"] else ""
     memory = f", {about['memory_bytes'] / 2**30:.0f} GiB" if about["memory_bytes"] else ""
-    return "\n".join(
-        [
-            message("Renders with {path}", path=python.path),
-            message(
-                "Python {version}, kernels: {kernels}", version=f"{about['python']}{torch}", kernels=about["kernels"]
-            ),
-            f"{', '.join(about['devices'])}{memory}",
-            *(
-                [
-                    message(
-                        "Rendering runs on the CPU; training and GPU rendering need an interpreter with torch, named above"
-                    )
-                ]
-                if about["training_lacks"]
-                else []
-            ),
-            *lines,
-        ]
-    )
+    said = [
+        message("Renders with {path}", path=python.path),
+        message("Python {version}, kernels: {kernels}", version=f"{about['python']}{torch}", kernels=about["kernels"]),
+        f"{', '.join(about['devices'])}{memory}",
+    ]
+    if about["training_lacks"]:
+        said.append(
+            message("Rendering runs on the CPU; training and GPU rendering need an interpreter with torch, named above")
+        )
+    return "\n".join([*said, *lines])
 
 
 class UNISIM_OT_test_renderer(bpy.types.Operator):

@@ -97,7 +97,6 @@ class PackageTask(Task):
                     self.megabytes = int(done) / 1e6, int(total) / 1e6
 
     def text(self) -> str:
-        """One line for a status bar."""
         name, (done, total) = self.package.name, self.megabytes
         if self.running:
             return message(
@@ -108,7 +107,6 @@ class PackageTask(Task):
         return self.problem or message("{package} is installed", package=name)
 
     def finish(self) -> None:
-        """Have Blender's Python and the renderer find the package."""
         look_into_folders()
         client.close()
 

@@ -134,7 +134,6 @@ class UNISIM_OT_stop_preparation(bpy.types.Operator):
         return allowed(cls, (PREPARATION.active and not playing, "No images are being prepared"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Cancel, and draw the views again."""
         PREPARATION.end()
         PREPARATION.stopped = True
         run_soon(watch, POLL_S)

@@ -243,7 +243,6 @@ class TrainingTask(Task):
         return curve[-1]["seconds"] / 60 if curve else 0.0
 
     def measure(self) -> str:
-        """Minutes of how many, and how good it is."""
         curve = self.curve()
         now = f", PSNR {curve[-1]['psnr']:.1f} dB, LiDAR {100 * curve[-1]['lidar_m']:.1f} cm" if curve else ""
         return message("{done:.1f} of {total:.1f} minutes", done=self.done, total=self.total) + now

@@ -20,7 +20,7 @@ from unisim_blender.core.ops.gather import OPERATION as GATHER
 from unisim_blender.core.ops.gather import gather, gather_reference
 from unisim_blender.core.ops.ray_segments import ActorSegments, MeshSegments, RaySegments, rows_of
 from unisim_blender.core.ops.transmittances import OPERATION as TRANSMITTANCES
-from unisim_blender.core.ops.transmittances import transmittances, transmittances_reference
+from unisim_blender.core.ops.transmittances import transmittances, transmittances_padded, transmittances_reference
 from unisim_blender.core.render.tracers.torch.trace import _without_foreign
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")
@@ -107,6 +107,7 @@ GROUPS = ((200, 12), (90, 8), (40, 3), (0, 8))
 KINDS: dict[str, tuple[Callable[..., list[Tensor]], Callable[..., tuple[Tensor, ...]]]] = {
     "compiled": (transmittances, gather),
     "plain": (transmittances_reference, gather_reference),
+    "padded": (transmittances_padded, gather_reference),
 }
 
 
@@ -136,9 +137,10 @@ def test_values_and_gradients(groups: tuple[tuple[int, int], ...]) -> None:
     if groups is GROUPS:
         counts = torch.bincount(torch.cat([s.ray for s in ray_segments]), minlength=RAYS)
         assert int((counts == 1).sum()) > 30 and int((counts == 2).sum()) > 30 and int((counts > 2).sum()) > 10
-    fast, plain = composited("compiled", ray_segments, torch.float32), composited("plain", ray_segments, torch.float64)
-    assert len(fast) == len(plain) == 7 * len(groups)
-    for a, b in zip(fast, plain, strict=True):
+    plain = composited("plain", ray_segments, torch.float64)
+    fast, padded = (composited(kind, ray_segments, torch.float32) for kind in ("compiled", "padded"))
+    assert len(fast) == len(padded) == len(plain) == 7 * len(groups)
+    for a, b in (*zip(fast, plain, strict=True), *zip(padded, plain, strict=True)):
         assert a.shape == b.shape
         torch.testing.assert_close(a.double(), b, rtol=1e-4, atol=1e-5)
 

@@ -8,6 +8,7 @@ densities.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Literal
 
@@ -212,7 +213,12 @@ class BackgroundModel(nn.Module):
 
 
 CORNERS = 4
-_TETRAHEDRON = torch.tensor([[1.0, -1, -1], [-1, -1, 1], [-1, 1, -1], [1, 1, 1]])
+
+
+@functools.cache
+def _tetrahedron(device: torch.device, dtype: torch.dtype) -> Tensor:
+    """Return its corners (4, 3), made once on each device."""
+    return torch.tensor([[1.0, -1, -1], [-1, -1, 1], [-1, 1, -1], [1, 1, 1]], dtype=dtype, device=device)
 
 
 def outward_gradient(
@@ -224,7 +230,7 @@ def outward_gradient(
     ``outward`` gets points (N * CORNERS, 3), each point's one after the other. ``size_m`` (N, 3) is what a unit of x
     measures along its axes, for points in an actor's unit cube.
     """
-    corners = _TETRAHEDRON.to(x)
+    corners = _tetrahedron(x.device, x.dtype)
     offsets = step_m * corners if size_m is None else step_m * corners / size_m[:, None]
     values = outward((x[:, None] + offsets).reshape(-1, 3)).view(-1, CORNERS)
     return torch.einsum("nk,kj->nj", values, corners) / (CORNERS * step_m)

@@ -52,10 +52,9 @@ class Occupancy(nn.Module):
     def cells(self, x: Tensor) -> Tensor:
         """Return flat voxel numbers (N,) of points (N, 3), volume coordinates; points outside have the nearest
         voxel's."""
-        cell = torch.floor(x / self.voxel_m).long()
-        shape = torch.tensor(self.values.shape, device=x.device)
-        cell = torch.minimum(cell.clamp_min(0), shape - 1)
-        return (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
+        sizes = self.values.shape
+        i, j, k = (torch.floor(x[:, a] / self.voxel_m).long().clamp_(0, size - 1) for a, size in enumerate(sizes))
+        return i.mul_(sizes[1]).add_(j).mul_(sizes[2]).add_(k)
 
 
 class OccupancyTrainer:
@@ -71,11 +70,21 @@ class OccupancyTrainer:
         self.passed = flat == FREE
         self.stopped = zeros_on_demand(flat.shape, device=flat.device)
         self.looks = zeros_on_demand(flat.shape, torch.int32, flat.device)
+        self._most = zeros_on_demand(flat.shape, device=flat.device)
 
     @torch.no_grad()
-    def update(self, x: Tensor, weight: Tensor, before: Tensor, prune: bool, settled: bool, camera: bool) -> None:
+    def update(
+        self,
+        x: Tensor,
+        weight: Tensor,
+        before: Tensor,
+        prune: bool,
+        settled: bool,
+        camera: bool,
+        there: Tensor | None = None,
+    ) -> None:
         """Update the voxels by samples at x (N, 3), volume coordinates, with weights (N,) and transmittances before
-        them (N,).
+        them (N,); by those alone that are ``there`` (N,), where that is given.
 
         ``prune`` frees voxels that show nothing; ``settled`` says that surfaces hide what is behind them by now;
         ``camera`` that an image showed them, not LiDAR.
@@ -83,22 +92,29 @@ class OccupancyTrainer:
         assert weight.shape == before.shape == x.shape[:1], (x.shape, weight.shape, before.shape)
         values = self.occupancy.values.view(-1)
         cells = self.occupancy.cells(x)
+        if there is not None:
+            # samples that are not there look again, without weight, into a voxel that one which is looks into
+            cells = torch.where(there, cells, cells.index_select(0, there.to(torch.uint8).argmax()[None]))
+            weight, before = torch.where(there, weight, 0.0), torch.where(there, before, 0.0)
+        # all samples of a voxel find and write the same there, in whatever order
         if settled:
-            self.seen[cells[before > _MIN_TRANSMITTANCE]] = True
-            if camera:
-                self.viewed[cells[before > _MIN_TRANSMITTANCE]] = True
-        unique, where = torch.unique(cells, return_inverse=True)
-        best = weight.new_zeros(len(unique)).scatter_reduce_(0, where, weight, "amax")
-        self.visited[unique] = True
-        score = torch.maximum(self.score[unique] * _SCORE_DECAY, best.clamp_max(1))
-        self.score[unique] = score
+            looked = before > _MIN_TRANSMITTANCE
+            into = torch.where(looked, cells, cells.index_select(0, looked.to(torch.uint8).argmax()[None]))
+            for marks in (self.seen, self.viewed) if camera else (self.seen,):
+                marks[into] = marks[into] | looked.any()
+        # of voxels without samples the numbers are old
+        best = self._most.index_fill_(0, cells, 0.0).scatter_reduce_(0, cells, weight, "amax")[cells]
+        hit = self.hit[cells]
+        self.visited.index_fill_(0, cells, True)
+        score = torch.maximum(self.score[cells] * _SCORE_DECAY, best.clamp_max(1))
+        self.score[cells] = score
         value = (score * 4).clamp_max(1) * 255
-        value = torch.where(self.hit[unique], value.clamp_min(_MIN_HIT_SCORE), value.clamp_min(4.0))
+        value = torch.where(hit, value.clamp_min(_MIN_HIT_SCORE), value.clamp_min(4.0))
         if prune:
-            value = torch.where((score < _PRUNE_SCORE) & ~self.hit[unique], torch.zeros_like(value), value)
+            value = torch.where((score < _PRUNE_SCORE) & ~hit, torch.zeros_like(value), value)
         # what was pruned stays so
-        alive = values[unique] > 0
-        values[unique] = torch.where(alive, value, torch.zeros_like(value)).to(torch.uint8)
+        alive = values[cells] > 0
+        values[cells] = torch.where(alive, value, torch.zeros_like(value)).to(torch.uint8)
 
     @torch.no_grad()
     def note_stopped(self, x: Tensor, weight: Tensor, before: Tensor) -> None:
@@ -110,11 +126,11 @@ class OccupancyTrainer:
         assert weight.shape == before.shape == x.shape[:2], (x.shape, weight.shape, before.shape)
         cells = self.occupancy.cells(x.reshape(-1, 3)).view(weight.shape)
         enters = F.pad(cells[:, 1:] != cells[:, :-1], (1, 0), value=True).flatten()
-        passages, cells = enters.cumsum(0) - 1, cells.flatten()[enters]
-        stopped = weight.new_zeros(len(cells)).index_add_(0, passages, weight.flatten())
-        self.stopped.scatter_reduce_(0, cells, stopped, "amax")
-        looked = cells[before.flatten()[enters] > _MIN_TRANSMITTANCE]
-        self.looks.index_add_(0, looked, torch.ones_like(looked, dtype=torch.int32))
+        passages, cells = enters.cumsum(0) - 1, cells.flatten()
+        stopped = torch.zeros_like(weight).flatten().index_add_(0, passages, weight.flatten())
+        self.stopped.scatter_reduce_(0, cells, stopped[passages], "amax")
+        looked = enters & (before.flatten() > _MIN_TRANSMITTANCE)
+        self.looks.index_add_(0, cells, looked.to(torch.int32))
 
     @torch.no_grad()
     def add_evidence(self, hit: Tensor, beside: Tensor, passed: Tensor) -> None:

@@ -124,8 +124,8 @@ class Ground(nn.Module):
     def height(self, x: Tensor) -> Tensor:
         """Return ground heights (N,), metres, under points (N, 3), volume coordinates; bilinear between cell
         centres."""
-        extent = x.new_tensor([self.heights.shape[0] * GROUND_CELL_M, self.heights.shape[1] * GROUND_CELL_M])
-        place = (x[:, :2] / extent * 2 - 1).flip(-1)
+        rows, columns = self.heights.shape
+        place = torch.stack([x[:, 1] / (columns * GROUND_CELL_M), x[:, 0] / (rows * GROUND_CELL_M)], -1) * 2 - 1
         grid = self.heights.to(x.dtype)[None, None]
         return F.grid_sample(grid, place[None, None], padding_mode="border", align_corners=False)[0, 0, 0]
 

@@ -12,12 +12,15 @@ from torch import Tensor, nn
 from ..geometry import FloatArray, matrix_from_quaternion
 from ..ops.devices import zeros_on_demand
 from ..ops.near_spheres import near_spheres
+from ..ops.padding import Padding
 from ..sensors.bounds import BIN_S, Bounds
 from ..world.drive import Actor
 from ..world.replay import PaddedKeys
 
 SMOOTH_S = 0.2
 """Time scale, seconds, over which corrections of poses change: those of some frames hold for the frames between."""
+NEAR_BOXES = 4
+"""Number of boxes that padded rays are near, for one that they hit."""
 DENSE_KEYS, REACH_S = 256, 8 * SMOOTH_S
 """Number of keys of an actor up to which all are averaged with all, and else the distance in time of those that are."""
 
@@ -82,6 +85,31 @@ def slerp(a: Tensor, b: Tensor, u: Tensor) -> Tensor:
     wb = torch.where(near, u[:, None], torch.sin(u[:, None] * angle) / safe)
     q = torch.where(same, a, wa * a + wb * b)
     return q / q.norm(dim=-1, keepdim=True)
+
+
+def interpolated(
+    times_s: Tensor, lengths: Tensor, keys: tuple[Tensor, Tensor], row: Tensor, time_s: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Return positions (P, 3) and rotations (P, 3, 3) of trajectories ``row`` (P,) at times (P,) float64, seconds.
+
+    The trajectories have keys at ``times_s`` (A, K), ``lengths`` (A,) of them each: positions (A, K, 3) and quaternions
+    (A, K, 4).
+    """
+    positions, quaternions = keys
+    times = times_s[row]
+    upper = torch.searchsorted(times, time_s[:, None].contiguous(), right=True)[:, 0]
+    upper = torch.minimum(upper, lengths[row] - 1).clamp_min(1)
+    single = lengths[row] == 1
+    upper = torch.where(single, torch.zeros_like(upper), upper)
+    lower = (upper - 1).clamp_min(0)
+    t0 = times.gather(1, lower[:, None])[:, 0]
+    t1 = times.gather(1, upper[:, None])[:, 0]
+    u = torch.where(single, torch.zeros_like(t0), (time_s - t0) / torch.where(single, torch.ones_like(t0), t1 - t0)).to(
+        positions.dtype
+    )
+    p0, p1 = positions[row, lower], positions[row, upper]
+    q = slerp(quaternions[row, lower], quaternions[row, upper], u)
+    return p0 + u[:, None] * (p1 - p0), rotation_from_quaternion(q)
 
 
 class Smoothing(nn.Module):
@@ -155,6 +183,8 @@ class BoxHits:
     directions: Tensor
     world_from_box: Tensor
     stretch: Tensor | None = None
+    there: Tensor | None = None
+    """Which pairs (P,) hit, where their number is fixed; the others' ``t_far`` is below ``t_near``."""
 
 
 class Tracklets(nn.Module):
@@ -237,21 +267,7 @@ class Tracklets(nn.Module):
     def poses_at(self, actor: Tensor, time_s: Tensor, keys: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
         """Return positions (P, 3), from the corner, and rotations (P, 3, 3), world from actor, of ``actor`` (P,) at
         times (P,) float64, seconds."""
-        positions, quaternions = keys
-        times = self.times[actor]
-        upper = torch.searchsorted(times, time_s[:, None].contiguous(), right=True)[:, 0]
-        upper = torch.minimum(upper, self.lengths[actor] - 1).clamp_min(1)
-        single = self.lengths[actor] == 1
-        upper = torch.where(single, torch.zeros_like(upper), upper)
-        lower = (upper - 1).clamp_min(0)
-        t0 = times.gather(1, lower[:, None])[:, 0]
-        t1 = times.gather(1, upper[:, None])[:, 0]
-        u = torch.where(
-            single, torch.zeros_like(t0), (time_s - t0) / torch.where(single, torch.ones_like(t0), t1 - t0)
-        ).to(positions.dtype)
-        p0, p1 = positions[actor, lower], positions[actor, upper]
-        q = slerp(quaternions[actor, lower], quaternions[actor, upper], u)
-        return p0 + u[:, None] * (p1 - p0), rotation_from_quaternion(q)
+        return interpolated(self.times, self.lengths, keys, actor, time_s)
 
     def hits(
         self,
@@ -261,20 +277,28 @@ class Tracklets(nn.Module):
         near_m: float,
         among: Tensor | None = None,
         keys: tuple[Tensor, Tensor] | None = None,
+        padding: Padding | None = None,
     ) -> BoxHits:
         """Return the hits of rays (N, 3), from the corner along the world's axes, at times (N,), on boxes beyond
-        ``near_m``. ``among`` (A',) are the numbers of the actors to test, ``keys`` an earlier result of `keys`."""
+        ``near_m``. ``among`` (A',) are the numbers of the actors to test, ``keys`` an earlier result of `keys`,
+        ``padding`` fixes the number of pairs."""
         bins = ((time_s - self.first_bin_s) / BIN_S).floor().long()
         bins = torch.where(bins < len(self.bound_radii), bins.clamp_min(-1), -1)
         centres, radii = self.bound_centres, self.bound_radii
         if among is not None:
             centres, radii = centres[:, among], radii[:, among]
-        ray, actor = torch.nonzero(near_spheres(origins, directions, bins, centres, radii), as_tuple=True)
-        if among is not None:
-            actor = among[actor]
-        time = time_s[ray]
-        there = (time >= self.start_s[actor]) & (time <= self.end_s[actor])
-        ray, actor = ray[there], actor[there]
+        near = near_spheres(origins, directions, bins, centres, radii)
+        there: Tensor | None = None
+        if padding is not None:
+            near &= (time_s[:, None] >= self.start_s) & (time_s[:, None] <= self.end_s)
+            place, there = padding.rows(near.flatten(), NEAR_BOXES * len(near))
+            ray, actor = place // near.shape[1], place % near.shape[1]
+        else:
+            ray, actor = torch.nonzero(near, as_tuple=True)
+            if among is not None:
+                actor = among[actor]
+            present = (time_s[ray] >= self.start_s[actor]) & (time_s[ray] <= self.end_s[actor])
+            ray, actor = ray[present], actor[present]
         if len(ray) == 0:
             empty = origins.new_zeros(0)
             return BoxHits(
@@ -296,5 +320,12 @@ class Tracklets(nn.Module):
             t_near = torch.minimum(a, b).amax(-1).clamp_min(near_m)
             t_far = torch.maximum(a, b).amin(-1)
             keep = t_far > t_near
+        if padding is not None and there is not None:
+            keep, there = padding.rows(there & keep, len(near))
+            t_far = torch.where(there, t_far[keep], t_near[keep] - 1)
+            # no number may leave what floats can hold where it will count nothing
+            o, d = torch.where(there[:, None], o[keep], 0.0), torch.where(there[:, None], d[keep], 0.0)
+            stretch = None if stretch is None else stretch[keep]
+            return BoxHits(ray[keep], actor[keep], t_near[keep], t_far, o, d, rotation[keep], stretch, there)
         stretch = None if stretch is None else stretch[keep]
         return BoxHits(ray[keep], actor[keep], t_near[keep], t_far[keep], o[keep], d[keep], rotation[keep], stretch)

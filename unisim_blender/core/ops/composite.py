@@ -15,7 +15,7 @@ from torch import Tensor
 
 from .gather import gather
 from .ray_segments import ActorSegments, MeshSegments, RaySegments
-from .transmittances import transmittances
+from .transmittances import transmittances, transmittances_padded
 
 
 @dataclass(frozen=True)
@@ -49,16 +49,20 @@ class Composite:
     transmittance_after: Tensor
 
 
-def composite(rays: int, ray_segments: Sequence[RaySegments], widths: Sequence[int], like: Tensor) -> Composite:
+def composite(
+    rays: int, ray_segments: Sequence[RaySegments], widths: Sequence[int], like: Tensor, padded: bool = False
+) -> Composite:
     """Composite the segments of rays numbered 0 to ``rays`` - 1, on each ray in order of depth.
 
     ``widths`` are the lengths of the actor sets' features, the scene's own first. Tensors have the type and device of
-    ``like``.
+    ``like``. ``padded`` says that segments may be of no ray and stop nothing.
     """
     features, opacities = [like.new_zeros(rays, width) for width in widths], [like.new_zeros(rays) for _ in widths]
     mesh_opacity, sums = like.new_zeros(rays), like.new_zeros(rays, 3)
     weights = []
-    for segments, before in zip(ray_segments, transmittances(rays, ray_segments), strict=True):
+    for segments, before in zip(
+        ray_segments, (transmittances_padded if padded else transmittances)(rays, ray_segments), strict=True
+    ):
         of_intervals, of_samples, given = gather(segments, before)
         weights.append(SegmentWeights(before, of_intervals, of_samples))
         part, rest = given.split((segments.features.shape[-1], 3), 1)

@@ -8,6 +8,7 @@ passes are finished, then adds them to the table's gradient in a fixed order.
 from __future__ import annotations
 
 import ctypes
+import functools
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -20,7 +21,7 @@ from torch.autograd.function import once_differentiable
 from .. import native
 from .devices import kernel_threads
 from .dispatch import Operation
-from .grid_shape import GridArrays
+from .grid_shape import GridArrays, GridShape
 
 _PRIMES = (1, 2654435761, 805459861)
 # parallel loss branches go backward in threads of their own; a sink has a list for each
@@ -87,6 +88,12 @@ def add_to_table(grid: GridArrays, x: Tensor, index: Tensor | None, grad: Tensor
     )  # fmt: skip
 
 
+@functools.cache
+def _scales(shape: GridShape, device: torch.device, dtype: torch.dtype) -> Tensor:
+    """Return a shape's cells along the axes (levels, 3), made once on each device."""
+    return torch.tensor(shape.scale, dtype=torch.float32, device=device).to(dtype)
+
+
 def encode_reference(
     grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: GradientSink | None = None
 ) -> Tensor:
@@ -94,8 +101,8 @@ def encode_reference(
     flat = table.reshape(-1, grid.shape.features)
     base: Tensor | int = 0 if index is None else index.long() * grid.rows
     rows, weights = [], []
-    for level in range(grid.shape.levels):
-        scale = torch.as_tensor(grid.scale[level], dtype=x.dtype, device=x.device)
+    levels = zip(_scales(grid.shape, x.device, x.dtype), *grid.layout, strict=True)
+    for scale, offset, size, stride_y, stride_z in levels:
         # a point on or beyond a face, or NaN, stands on the face and does not move with x
         p = torch.where((x > 0) & (x < 1), x, torch.nan_to_num(x.detach(), nan=0.0).clamp(0, 1)) * scale
         lower = torch.minimum(p.detach().floor(), (scale.ceil() - 1).clamp_min(0))
@@ -104,13 +111,13 @@ def encode_reference(
         for corner in range(8):
             bits = (corner & 1, corner >> 1 & 1, corner >> 2)
             v = [i[:, a] + bits[a] for a in range(3)]
-            if grid.stride_y[level]:
-                row = v[0] + v[1] * int(grid.stride_y[level]) + v[2] * int(grid.stride_z[level])
+            if stride_y:
+                row = v[0] + v[1] * stride_y + v[2] * stride_z
             else:
                 mixed = v[0] ^ (v[1] * _PRIMES[1] & 0xFFFFFFFF) ^ (v[2] * _PRIMES[2] & 0xFFFFFFFF)
-                row = mixed & (int(grid.size[level]) - 1)
+                row = mixed & (size - 1)
             near = [fraction[:, a] if bits[a] else 1 - fraction[:, a] for a in range(3)]
-            rows.append(base + int(grid.offset[level]) + row)
+            rows.append(base + offset + row)
             weights.append(near[0] * near[1] * near[2])
     # taken from the table in one go: each time costs a gradient of the whole table
     values = flat.index_select(0, torch.stack(rows, -1).view(-1)).view(

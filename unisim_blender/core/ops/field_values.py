@@ -34,14 +34,11 @@ class SignedDistances:
         """Return the values where ``solid`` (...) is true, and empty space elsewhere."""
         return SignedDistances(torch.where(solid, self.metres, EMPTY_M))
 
-    def cleared(self, row: Tensor, column: Tensor, height_m: Tensor) -> SignedDistances:
-        """Return the values with nothing but the ground near entries (row, column) (M,), which are ``height_m`` (M,)
-        above it."""
-        own = self.metres[row, column]
-        free = torch.maximum(own, height_m)
-        return SignedDistances(
-            self.metres.index_put((row, column), torch.where(height_m > GROUND_CLEARANCE_M, free, own))
-        )
+    def cleared(self, height_m: Tensor) -> SignedDistances:
+        """Return the values with nothing but the ground near entries that are ``height_m`` (...) above it; -inf for those
+        that stay."""
+        free = torch.maximum(self.metres, height_m)
+        return SignedDistances(torch.where(height_m > GROUND_CLEARANCE_M, free, self.metres))
 
 
 @dataclass(frozen=True)
@@ -66,12 +63,10 @@ class LogDensities:
         """Return the values where ``solid`` (...) is true, and empty space elsewhere."""
         return LogDensities(torch.where(solid, self.logs, EMPTY_LOG_DENSITY))
 
-    def cleared(self, row: Tensor, column: Tensor, height_m: Tensor) -> LogDensities:
-        """Return the values with nothing but the ground at entries (row, column) (M,), which are ``height_m`` (M,)
-        above it: those above the ground are empty."""
-        own = self.logs[row, column]
-        free = torch.full_like(own, EMPTY_LOG_DENSITY)
-        return LogDensities(self.logs.index_put((row, column), torch.where(height_m > GROUND_CLEARANCE_M, free, own)))
+    def cleared(self, height_m: Tensor) -> LogDensities:
+        """Return the values with nothing but the ground at entries that are ``height_m`` (...) above it: those above the
+        ground are empty; -inf for those that stay."""
+        return LogDensities(torch.where(height_m > GROUND_CLEARANCE_M, EMPTY_LOG_DENSITY, self.logs))
 
 
 FieldValues = SignedDistances | LogDensities

@@ -71,7 +71,7 @@ class GridArrays:
     """A shape's numbers in the form that the kernels read."""
 
     def __init__(self, shape: GridShape) -> None:
-        offsets, sizes, strides_y, strides_z = shape.layout()
+        offsets, sizes, strides_y, strides_z = self.layout = shape.layout()
         self.shape = shape
         self.rows = shape.rows
         self.offset = np.array(offsets, np.int64)

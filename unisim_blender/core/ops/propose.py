@@ -32,6 +32,8 @@ class RaySpans:
     directions: Tensor
     t_near: Tensor
     t_far: Tensor
+    longest_m: float | None = None
+    """No span is longer; where that is not given, torch's operations ask the spans."""
 
 
 def propose(voxels: Voxels, spans: RaySpans, u: Tensor) -> tuple[Tensor, Tensor]:
@@ -50,15 +52,17 @@ def propose_reference(voxels: Voxels, spans: RaySpans, u: Tensor) -> tuple[Tenso
     """`propose` in plain torch, with memory for a number for each half voxel of each ray."""
     step = voxels.voxel_m / 2
     span = spans.t_far - spans.t_near
-    steps = int(torch.ceil(span / step).max().clamp_min(1)) if len(span) else 1
+    if spans.longest_m is not None:
+        steps = int(np.ceil(spans.longest_m / step)) + 1
+    else:
+        steps = int(torch.ceil(span / step).max().clamp_min(1)) if len(span) else 1
     i = torch.arange(steps, device=span.device)
     t = spans.t_near[:, None] + (i + 0.5) * step
     points = spans.origins[:, None] + t[..., None] * spans.directions[:, None]
     cell = torch.floor((points - voxels.lower) * (1.0 / voxels.voxel_m)).long()
-    shape = torch.tensor(voxels.values.shape, device=span.device)
-    inside = ((cell >= 0) & (cell < shape)).all(-1) & (i < torch.ceil(span / step)[:, None])
-    cell = torch.minimum(cell.clamp_min(0), shape - 1)
-    p = voxels.values[cell[..., 0], cell[..., 1], cell[..., 2]].to(t.dtype) * inside / 255
+    at = [cell[..., axis].clamp(0, size - 1) for axis, size in enumerate(voxels.values.shape)]
+    inside = (torch.stack(at, -1) == cell).all(-1) & (i < torch.ceil(span / step)[:, None])
+    p = voxels.values[at[0], at[1], at[2]].to(t.dtype) * inside / 255
     mass = p * torch.exp(-DECAY_PER_M * step * (p.cumsum(-1) - p))
     cdf = mass.cumsum(-1)
     total = cdf[:, -1]

@@ -24,7 +24,7 @@ def stratified(rays: int, count: int, jitter: bool, like: Tensor, generator: tor
     return ((torch.arange(count, device=like.device) + offset) / count).to(like.dtype)
 
 
-def refine_quantiles(u: Tensor, t: Tensor, s: Tensor, beta: float, count: int, jitter: Tensor) -> Tensor:
+def refine_quantiles(u: Tensor, t: Tensor, s: Tensor, beta: Tensor | float, count: int, jitter: Tensor) -> Tensor:
     """Return quantiles (N, count) near the surface of signed distances s (N, K), metres, at places t (N, K), metres,
     and quantiles u (N, K).
 

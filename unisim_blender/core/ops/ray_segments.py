@@ -58,18 +58,21 @@ class RaySegments:
 @dataclass(frozen=True)
 class FieldSegments(RaySegments):
     """Ray segments inside a field: its ``values`` (P, K) at the samples, and ``points`` (P, K, 3) in its own
-    coordinates (volume, metres; or an actor's unit cube). ``density`` is the kind of its density, ``beta`` its
+    coordinates (volume, metres; or an actor's unit cube). ``density`` is the kind of its density, ``beta`` () its
     sharpness, 1 / metres."""
 
     values: FieldValues
     points: Tensor
     density: Literal["logistic", "unisim", "volume"]
-    beta: float
+    beta: Tensor
 
 
 @dataclass(frozen=True)
 class StaticSegments(FieldSegments):
-    """Ray segments through the static field."""
+    """Ray segments through the static field: of all rays where their number is fixed, and then ``there`` (P,) bool says
+    which hit an occupied voxel; the others stop nothing."""
+
+    there: Tensor | None = None
 
 
 @dataclass(frozen=True)
@@ -114,6 +117,6 @@ def rows_of(ray_segments: Segments, which: Tensor) -> Segments:
     chosen: dict[str, Any] = {
         name: value[which] if isinstance(value, Tensor) else value.rows(which)
         for name, value in vars(ray_segments).items()
-        if isinstance(value, Tensor | SignedDistances | LogDensities)
+        if (isinstance(value, Tensor) and value.dim()) or isinstance(value, SignedDistances | LogDensities)
     }
     return replace(ray_segments, **chosen)

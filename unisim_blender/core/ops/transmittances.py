@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
@@ -68,6 +69,22 @@ def transmittances_reference(rays: int, ray_segments: Sequence[RaySegments]) -> 
     before, _ = weights_from_tau(tau.gather(1, by_depth))
     before = torch.zeros_like(before).scatter(1, by_depth, before).view(rows * slots, longest)
     return [own.index_put((mine,), before[cell][:, : own.shape[1]]) for own, (mine, cell) in zip(out, at, strict=True)]
+
+
+def transmittances_padded(rays: int, ray_segments: Sequence[RaySegments]) -> list[Tensor]:
+    """`transmittances` in plain torch with shapes that depend on no value: all intervals are sorted by ray, then depth."""
+    tau = torch.cat([s.tau.flatten() for s in ray_segments])
+    place = torch.cat([s.stops().detach().flatten() for s in ray_segments])
+    ray = torch.cat([s.ray[:, None].expand_as(s.tau).flatten() for s in ray_segments])
+    order = torch.argsort(place, stable=True)
+    order = order[torch.argsort(ray[order], stable=True)]
+    # one sum along all rays: float64 keeps a ray's own where those before it are taken off
+    total = F.pad(tau[order].double().cumsum(0), (1, 0))
+    ordered = ray[order]
+    before = total[:-1] - total[torch.searchsorted(ordered, ordered)]
+    back = torch.empty_like(order).scatter_(0, order, torch.arange(len(order), device=order.device))
+    parts = torch.exp(-before.to(tau.dtype))[back].split([s.tau.numel() for s in ray_segments])
+    return [part.view_as(s.tau) for part, s in zip(parts, ray_segments, strict=True)]
 
 
 def transmittances_compiled(rays: int, ray_segments: Sequence[RaySegments]) -> list[Tensor]:

@@ -21,10 +21,11 @@ from torch import Tensor
 from ..errors import SceneError
 from ..ops.devices import tensor_to
 from ..ops.encode import as_branch
+from ..ops.padding import Padding, masked_mean, masked_quantile
 from ..ops.ray_segments import RayBatch
 from ..ops.segment_trace import SegmentTrace
 from ..render.tracers.torch.actor_tensors import ActiveActorTensors
-from ..render.tracers.torch.segments import Sampling
+from ..render.tracers.torch.segments import Sampling, only
 from ..render.tracers.torch.trace import trace
 from .batches.data import PatchBatch
 from .batches.images import PixelDraw
@@ -113,9 +114,11 @@ class BranchStart:
     active: ActiveActorTensors
     tables: Tensor
     rng: np.random.Generator
-    generator: torch.Generator
+    generator: torch.Generator | None
     gradients: BranchGradients
     seen: Future[SegmentTrace]
+    padding: Padding | None = None
+    """Where shapes must not depend on values: the lengths that ray segments are padded to."""
 
 
 @dataclass(frozen=True)
@@ -127,6 +130,28 @@ class BranchResult:
     metrics: dict[str, float]
     traced: SegmentTrace | None
     fake: tuple[Tensor, Tensor] | None
+
+
+@dataclass(frozen=True)
+class CameraTerms:
+    """Terms of the cameras' rays: PSNR () in dB, mean squared errors (N,) of the last batch's cells, recorded and made-up
+    images."""
+
+    terms: dict[str, Tensor]
+    psnr: Tensor
+    errors: Tensor
+    fake: tuple[Tensor, Tensor] | None
+
+
+@dataclass(frozen=True)
+class SweptTerms:
+    """Terms of LiDAR beams: their trace, points (N, 3) and which of them (N,) are near returns, and the median error () of
+    their depths, metres."""
+
+    terms: dict[str, Tensor]
+    traced: SegmentTrace
+    near: tuple[Tensor, Tensor] | None
+    error_m: Tensor
 
 
 class LossBranches:
@@ -152,19 +177,40 @@ class LossBranches:
             raise
 
     def _camera_terms(self, start: BranchStart) -> BranchResult:
-        setup = self.setup
-        c, w = setup.config, setup.recipe.weights
-        done, active, generator = start.done, start.active, start.generator
         batches, draw = self.draw_pixels(start.rng, start.iteration)
-        sampling = self._sampling(start)
+        weight = None
+        if draw is not None:
+            weight = tensor_to(torch.as_tensor(draw.weight).float(), self.setup.config.device)
+        batches, seen = self.seen(start, batches)
+        start.seen.set_result(seen)
+        found = self.camera_terms(start, batches, seen, weight)
+        if draw is not None:
+            self.setup.choice.note(draw.block, found.errors.double().cpu().numpy())
+        self._backward(start, found.terms)
+        return BranchResult(_values(found.terms), {"psnr": float(found.psnr)}, seen, found.fake)
+
+    def seen(self, start: BranchStart, batches: list[PatchBatch]) -> tuple[list[PatchBatch], SegmentTrace]:
+        """Return the batches with their rays where the cameras are by now, and the trace of all their rays."""
+        setup = self.setup
         # gradients with respect to the static field's points are dear: most steps go without
-        learn_cameras = setup.recipe.refines_cameras and done >= c.poses_from and start.iteration % c.slow_every == 0
+        learn = (
+            setup.recipe.refines_cameras
+            and start.done >= setup.config.poses_from
+            and start.iteration % setup.config.slow_every == 0
+        )
         batches = [
-            dataclasses.replace(b, rays=setup.camera_poses(b.rays, b.camera, b.world_from_camera, learn_cameras))
+            dataclasses.replace(b, rays=setup.camera_poses(b.rays, b.camera, b.world_from_camera, learn))
             for b in batches
         ]
-        seen = trace(setup.model, active, _together([b.rays for b in batches]), sampling)
-        start.seen.set_result(seen)
+        return batches, trace(setup.model, start.active, _together([b.rays for b in batches]), self._sampling(start))
+
+    def camera_terms(
+        self, start: BranchStart, batches: list[PatchBatch], seen: SegmentTrace, drawn_weight: Tensor | None
+    ) -> CameraTerms:
+        """Return the terms of the cameras' rays. ``drawn_weight`` (N,) are the weights of the second batch's pixels."""
+        setup = self.setup
+        c, w = setup.config, setup.recipe.weights
+        done, generator = start.done, start.generator
         features = seen.feature.split([len(b.rays) for b in batches])
         images = [self._decode(f, b, generator) for f, b in zip(features, batches, strict=True)]
         wrong = [i - b.target for i, b in zip(images, batches, strict=True)]
@@ -174,9 +220,8 @@ class LossBranches:
         weight = [wrong[0].new_ones(()) for _ in wrong]
         if patch.shown is not None:
             weight[0] = patch.shown
-        if draw is not None:
-            setup.choice.note(draw.block, squares[1].detach().mean((1, 2, 3)).double().cpu().numpy())
-            weight[1] = tensor_to(torch.as_tensor(draw.weight).float(), c.device)[:, None, None, None]
+        if drawn_weight is not None:
+            weight[1] = drawn_weight[:, None, None, None]
         shown = [b.shown for b in batches]
         terms = {"rgb": w.rgb * _mean(squares, weight, shown)}
         if w.distortion:
@@ -186,52 +231,75 @@ class LossBranches:
         fake = None
         if setup.adversary and done >= c.poses_from:
             beside = shifted_patches(patch, generator)
-            fake = self._decode(trace(setup.model, active, beside.rays, sampling).feature, beside, generator)
-            fake = as_shown(fake, beside.shown)
+            traced = trace(setup.model, start.active, beside.rays, self._sampling(start))
+            fake = as_shown(self._decode(traced.feature, beside, generator), beside.shown)
             terms["adversarial"] = w.adversarial * setup.adversary.generator_loss(fake)
         penalty = setup.model.actors.penalty()
         if penalty is not None:
             terms["latent"] = w.latent * penalty
-        self._backward(start, terms)
         mse = _mean([d.detach().square() for d in wrong], weight, shown)
-        metrics = {"psnr": -10 * float(torch.log10(mse.clamp_min(1e-10)))}
-        return BranchResult(_values(terms), metrics, seen, None if fake is None else (real, fake))
+        return CameraTerms(
+            terms,
+            -10 * torch.log10(mse.clamp_min(1e-10)),
+            squares[-1].detach().mean((1, 2, 3)),
+            None if fake is None else (real, fake),
+        )
 
     def lidar(self, start: BranchStart) -> BranchResult:
         """Evaluate the terms of LiDAR beams and of unobserved places. Terms that need the trace of the cameras' rays
         come last."""
-        setup, tables, generator = self.setup, start.tables, start.generator
-        c, w = setup.config, setup.recipe.weights
+        setup = self.setup
         terms: dict[str, Tensor] = {}
         metrics: dict[str, float] = {}
-        swept, near = None, None
+        swept = None
         if setup.recipe.uses_lidar:
-            lidar = self._to_device(setup.lidar.sample(start.rng, c.lidar_rays))
-            swept = trace(setup.model, start.active, lidar.rays, self._sampling(start, sky=False))
-            terms = self._lidar_loss(swept, lidar)
-            if w.sdf_band or w.eikonal or w.normal_smoothness:
-                band, near = setup.shape.sdf_band(tables, swept, lidar, generator)
-                terms["sdf_band"] = w.sdf_band * band
+            lidar = self._to_device(setup.lidar.sample(start.rng, setup.config.lidar_rays))
+            swept = self.swept(start, lidar)
+            terms = swept.terms
             self._backward(start, terms)
-            metrics["lidar_m"] = float((swept.volume_depth_m - lidar.depth_m)[lidar.returned].detach().abs().median())
-        if w.unobserved and start.done >= c.unobserved_from:
-            terms["unobserved"] = w.unobserved * setup.unobserved.loss(generator)
-            self._backward(start, {"unobserved": terms["unobserved"]})
+            metrics["lidar_m"] = float(swept.error_m)
+        if unobserved := self.unobserved(start):
+            self._backward(start, unobserved)
         seen = start.seen.result()
-        if swept is not None and near is not None:
-            slopes = setup.shape.slopes(tables, swept, seen, near, generator)
-            slopes = {name: getattr(w, name) * term for name, term in slopes.items()}
+        slopes = {} if swept is None else self.slopes(start, swept, seen)
+        if slopes:
             self._backward(start, slopes)
-            terms |= slopes
         if swept is not None and self.lidar_follows:
             self.update_occupancy(start, seen, camera=True)
-            self.update_occupancy(start, swept, camera=False)
-        return BranchResult(_values(terms), metrics, swept, None)
+            self.update_occupancy(start, swept.traced, camera=False)
+        values = _values({**terms, **unobserved, **slopes})
+        return BranchResult(values, metrics, None if swept is None else swept.traced, None)
+
+    def swept(self, start: BranchStart, lidar: LidarBatch) -> SweptTerms:
+        """Return the terms of LiDAR beams."""
+        setup, w = self.setup, self.setup.recipe.weights
+        traced, near = trace(setup.model, start.active, lidar.rays, self._sampling(start, sky=False)), None
+        terms = self._lidar_loss(traced, lidar)
+        if w.sdf_band or w.eikonal or w.normal_smoothness:
+            band, near = setup.shape.sdf_band(start.tables, traced, lidar, start.generator)
+            terms["sdf_band"] = w.sdf_band * band
+        wrong = (traced.volume_depth_m - lidar.depth_m).detach().abs()
+        return SweptTerms(terms, traced, near, masked_quantile(wrong, lidar.returned, 0.5))
+
+    def unobserved(self, start: BranchStart) -> dict[str, Tensor]:
+        """Return the term of unobserved places; none before it joins in."""
+        setup, weight = self.setup, self.setup.recipe.weights.unobserved
+        if not weight or start.done < setup.config.unobserved_from:
+            return {}
+        return {"unobserved": weight * setup.unobserved.loss(start.generator)}
+
+    def slopes(self, start: BranchStart, swept: SweptTerms, seen: SegmentTrace) -> dict[str, Tensor]:
+        """Return the terms of distances' slopes, at places of beams and of the cameras' rays."""
+        if swept.near is None:
+            return {}
+        slopes = self.setup.shape.slopes(start.tables, swept.traced, seen, swept.near, start.generator)
+        return {name: getattr(self.setup.recipe.weights, name) * term for name, term in slopes.items()}
 
     def _sampling(self, start: BranchStart, sky: bool = True) -> Sampling:
         setup = self.setup
         fine = setup.config.still_samples if start.annealed else 1.0
-        return Sampling(jitter=not start.annealed, fine=fine, sky=sky, mirror=setup.mirror, generator=start.generator)
+        return Sampling(jitter=not start.annealed, fine=fine, sky=sky, mirror=setup.mirror, generator=start.generator,
+                        padding=start.padding)  # fmt: skip
 
     def _backward(self, start: BranchStart, terms: dict[str, Tensor]) -> None:
         """Take the gradients of the sum of terms, whose graph is then freed. Raises `SceneError` for one that is not
@@ -256,7 +324,7 @@ class LossBranches:
             batches.append(setup.cameras.pixels(draw, up))
         return [self._to_device(b) for b in batches], draw
 
-    def _decode(self, feature: Tensor, patch: PatchBatch, generator: torch.Generator) -> Tensor:
+    def _decode(self, feature: Tensor, patch: PatchBatch, generator: torch.Generator | None) -> Tensor:
         setup = self.setup
         cells, directions = patch.cells, patch.rays.directions
         camera = patch.camera.repeat_interleave(cells * cells)
@@ -278,7 +346,7 @@ class LossBranches:
         intensity, logit = setup.model.lidar_head(swept.feature, lidar.rays.directions, swept.depth_m, swept.opacity)
         return {
             **{name: getattr(w, f"lidar_{name}") * terms[name] for name in terms if getattr(w, f"lidar_{name}")},
-            "intensity": w.lidar_intensity * F.mse_loss(intensity[good], lidar.intensity[good]),
+            "intensity": w.lidar_intensity * masked_mean((intensity - lidar.intensity).square(), good),
             "drop": w.lidar_drop * F.binary_cross_entropy_with_logits(logit, lidar.returned.float(), lidar.weight),
         }
 
@@ -293,9 +361,11 @@ class LossBranches:
             segments.points.reshape(-1, 3), weights.samples.flatten(), weights.transmittance_before.flatten(),
             prune=start.iteration >= setup.config.prune_from, settled=start.done >= setup.config.settled_from,
             camera=camera,
+            there=None if segments.there is None else segments.there.repeat_interleave(segments.t.shape[1]),
         )  # fmt: skip
         if start.done >= _STOPPED_FROM and segments.density == "logistic":
-            setup.occupancy.note_stopped(segments.points, weights.samples, weights.transmittance_before)
+            before = only(segments.there, weights.transmittance_before)
+            setup.occupancy.note_stopped(segments.points, weights.samples, before)
 
     def _to_device(self, batch: Any) -> Any:
         device = self.setup.config.device

@@ -202,9 +202,20 @@ class TrainingSetup:
             {"params": [self.tracklets.turn_6d], "rates": c.rate_turns, "eps": 1e-10},
             {"params": list(self.camera_poses.parameters()), "rates": c.rate_cameras, "eps": 1e-10},
         ]
+        on_gpu = c.device.startswith("cuda")
+        if on_gpu:
+            # a graph of operations reads a rate where it is, not what it was
+            for group in (*fast, *slow):
+                group["lr"] = torch.full((), 1e-3, device=c.device)
         self.optimiser, self.slow = (
-            Adam(groups, lr=1e-3, betas=(0.9, 0.99), fused=c.device != "mps") for groups in (fast, slow)
+            Adam(groups, lr=1e-3, betas=(0.9, 0.99), fused=c.device != "mps", capturable=on_gpu)
+            for groups in (fast, slow)
         )
+
+    def slow_outputs(self) -> dict[str, Tensor]:
+        """Return what the slow parameters give: see `deferred`."""
+        positions, quaternions = self.tracklets.keys()
+        return {"tables": self.model.actors.tables(), "positions": positions, "quaternions": quaternions}
 
     def deferred(self) -> dict[str, Tensor]:
         """Return the outputs of the slow parameters, constant between two slow updates: every actor's grid
@@ -212,8 +223,7 @@ class TrainingSetup:
         steps, are added up."""
         if self._deferred is None:
             with torch_threads(None):
-                positions, quaternions = self.tracklets.keys()
-                outputs = {"tables": self.model.actors.tables(), "positions": positions, "quaternions": quaternions}
+                outputs = self.slow_outputs()
             cut = {name: value.detach().requires_grad_() for name, value in outputs.items()}
             # of a long drive's actors a few steps hit few
             cut["tables"].grad = zeros_on_demand(outputs["tables"].shape, device=outputs["tables"].device)

@@ -167,4 +167,8 @@ class Trainer(TrainingSetup):
         for group in (*self.optimiser.param_groups, *self.slow.param_groups):
             first, last = group["rates"]
             warm = min(1.0, (self.iteration + 1) / 100)
-            group["lr"] = warm * first * (last / first) ** done * LAST_RATE ** self._anneal(done)
+            rate = warm * first * (last / first) ** done * LAST_RATE ** self._anneal(done)
+            if isinstance(group["lr"], Tensor):
+                group["lr"].fill_(rate)
+            else:
+                group["lr"] = rate

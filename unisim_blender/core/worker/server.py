@@ -219,19 +219,14 @@ class Jobs:
         """Return a log's surfels; yields events of progress while they are built. If the request is cancelled, the next
         one continues the build."""
         if self.surfels is None:
-            if self.build is None:
-                self.build = surfels_of(log, UNTRAINED_DEFAULT.settings)
+            self.build = self.build or surfels_of(log, UNTRAINED_DEFAULT.settings)
             try:
-                for step in self.build:
-                    if isinstance(step, SurfelScene):
-                        self.surfels, self.preliminary, self.first_build = step, None, None
-                    else:
-                        yield _progress(step)
+                self.surfels = yield from _built(self.build)
+                self.preliminary = self.first_build = None
             finally:
                 # a failed build starts again; a cancelled one continues
-                if self.surfels is not None or getattr(self.build, "gi_frame", None) is None:
+                if getattr(self.build, "gi_frame", None) is None:
                     self.build = None
-        assert self.surfels is not None
         return self.surfels
 
     def _first_surfels(self, request: WorkerMessage, log: Log) -> Generator[WorkerMessage, None, SurfelScene]:
@@ -242,15 +237,10 @@ class Jobs:
                 self.first_build = time_s, preliminary_surfels(log, UNTRAINED_DEFAULT.settings, time_s)
             time_s, steps = self.first_build
             try:
-                for step in steps:
-                    if isinstance(step, SurfelScene):
-                        self.preliminary = time_s, step
-                    else:
-                        yield _progress(step)
+                self.preliminary = time_s, (yield from _built(steps))
             finally:
                 if getattr(steps, "gi_frame", None) is None:
                     self.first_build = None
-        assert self.preliminary is not None
         return self.preliminary[1]
 
     def _leave(self, arrays: dict[str, NDArray[Any]], **more: Any) -> WorkerMessage:
@@ -265,9 +255,17 @@ class Jobs:
         return {"event": "arrays", "file": path.name, "arrays": places, **more}
 
 
-def _progress(step: Step) -> WorkerMessage:
-    """Return a build's step as an event, after which other requests may go first: any request continues the build."""
-    return {"event": "progress", "text": step.text, "share": step.share, "pauses": True}
+def _built(steps: Iterator[Step | SurfelScene]) -> Generator[WorkerMessage, None, SurfelScene]:
+    """Return what a build comes to; yields its steps as events, after which other requests may go first: any request continues
+    the build."""
+    built: SurfelScene | None = None
+    for step in steps:
+        if isinstance(step, SurfelScene):
+            built = step
+        else:
+            yield {"event": "progress", "text": step.text, "share": step.share, "pauses": True}
+    assert built is not None
+    return built
 
 
 def _seen_state(request: WorkerMessage, renderer: Renderer, sensor: Camera | Lidar) -> tuple[WorldState, float]:

@@ -35,8 +35,10 @@ ORDERS = (
 TILT_RAD = math.radians(62)
 """A view that leaves its camera for an actor looks along the street from behind and above, so far
 from straight down."""
-NEAR_M, FAR_M = 25.0, 60.0
+VIEW_M, FAR_M = 25.0, 60.0
 """Its distance from the actor; a view that was free keeps its own, up to the second."""
+NEAR_M = 50.0
+"""The distance that the filter begins with."""
 
 
 def changed(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
@@ -47,11 +49,10 @@ def changed(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
 
 def active_place(self: bpy.types.PropertyGroup) -> int:
     """Return which of the scene's objects is the active actor; -1 where none is."""
-    context = bpy.context
-    obj = context.view_layer.objects.active if context.view_layer is not None else None
+    obj = bpy.context.view_layer.objects.active if bpy.context.view_layer is not None else None
     if obj is None or obj.unisim.kind != "ACTOR" or not obj.select_get():
         return -1
-    return listing.table_of(context.scene).places.get(obj.session_uid, -1)
+    return listing.table_of(bpy.context.scene).places.get(obj.session_uid, -1)
 
 
 def choose_place(self: bpy.types.PropertyGroup, place: int) -> None:
@@ -59,10 +60,6 @@ def choose_place(self: bpy.types.PropertyGroup, place: int) -> None:
     objects = bpy.context.scene.objects
     if 0 <= place < len(objects):
         bpy.ops.unisim.choose_actor("EXEC_DEFAULT", True, name=objects[place].name)
-
-
-NEAR_M = 50.0
-"""The distance that the filter begins with."""
 
 
 class UniSimActorList(bpy.types.PropertyGroup):
@@ -168,7 +165,7 @@ def turn_to(context: bpy.types.Context, obj: bpy.types.Object) -> None:
         heading = ego.matrix_world.to_euler().z if ego is not None else 0.0
         looks.view_perspective = "PERSP"
         looks.view_rotation = Euler((TILT_RAD, 0.0, heading - math.pi / 2)).to_quaternion()
-        looks.view_distance = NEAR_M
+        looks.view_distance = VIEW_M
     looks.view_location = obj.matrix_world.translation
     looks.view_distance = min(looks.view_distance, FAR_M)
 
@@ -234,10 +231,8 @@ class UNISIM_OT_select_listed(Editing, bpy.types.Operator):
             obj for obj in imported_objects(context.scene, "ACTOR") if obj.session_uid in keys and obj.visible_get()
         ]
         choose(context, *actors)
-        said = message(
-            "{number} of {count} listed actors are visible and selected", number=len(actors), count=len(keys)
-        )
-        self.report({"INFO"}, said)
+        said = translatable("{number} of {count} listed actors are visible and selected")
+        self.report({"INFO"}, message(said, number=len(actors), count=len(keys)))
         return {"FINISHED"}
 
 

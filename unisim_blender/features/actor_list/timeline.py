@@ -92,7 +92,6 @@ class UNISIM_GT_timeline(bpy.types.Gizmo):
         return {"RUNNING_MODAL"}
 
     def exit(self, context: bpy.types.Context, cancel: bool) -> None:
-        """Nothing is to be put back."""
         self.timeline = None
 
 

@@ -35,7 +35,7 @@ from ...editing.motion.retiming import Retiming
 from ...editing.sampled.clock import Clock, recorded_poses
 from ...translations import interface, message
 from ..actor_list.operators import GROUPS
-from ..operator_bases import Editing, Needing
+from ..operator_bases import EditsObjects, Needing
 from ..problems import draw_problem, fail
 from . import thumbnails
 
@@ -182,7 +182,7 @@ def other_page(self: bpy.types.OperatorProperties, context: bpy.types.Context) -
         self.appearance = first
 
 
-class _Chooses(Editing):
+class _Chooses(EditsObjects):
     """Base of operators that choose an actor by its thumbnail: ``confirm`` is the text of their button, ``first_group``
     the class that is shown where no actor is active."""
 
@@ -270,7 +270,7 @@ SLOW_GROUPS = ("PERSON", "CYCLE")
 """Classes that a vehicle's speed is too much for."""
 
 
-class UNISIM_OT_swap_class(Editing, bpy.types.Operator):
+class UNISIM_OT_swap_class(EditsObjects, bpy.types.Operator):
     """Replace the selected actors by those of a class that are most like them in size, on their paths, at its speeds"""
 
     bl_label = "Swap Class"

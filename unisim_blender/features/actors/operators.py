@@ -13,7 +13,7 @@ from ...bridge.window import Need, choose, chosen, drive, object_mode, selected
 from ...core.errors import UnisimError
 from ...editing.sampled.scene import rigid
 from ...translations import message
-from ..operator_bases import Editing, in_metres
+from ..operator_bases import EditsObjects, in_metres
 
 LANE_M = 3.5
 GAP_M = 0.6
@@ -27,7 +27,7 @@ PLACES = (
 )
 
 
-class UNISIM_OT_duplicate_actor(Editing, bpy.types.Operator):
+class UNISIM_OT_duplicate_actor(EditsObjects, bpy.types.Operator):
     """Duplicate the selected actors with their trajectories"""
 
     bl_label = "Duplicate Actor"
@@ -51,7 +51,7 @@ class UNISIM_OT_duplicate_actor(Editing, bpy.types.Operator):
         return copies
 
 
-class UNISIM_OT_delete_actor(Editing, bpy.types.Operator):
+class UNISIM_OT_delete_actor(EditsObjects, bpy.types.Operator):
     """Delete the selected actors and static items from all images and sweeps"""
 
     bl_label = "Delete Actor"
@@ -92,7 +92,7 @@ def selected_meshes(context: bpy.types.Context) -> list[bpy.types.Object]:
     return meshes
 
 
-class UNISIM_OT_mesh_actor(Editing, bpy.types.Operator):
+class UNISIM_OT_mesh_actor(EditsObjects, bpy.types.Operator):
     """Use the selected mesh objects and their children as actors, which cameras and LiDARs see"""
 
     bl_label = "Use Mesh as Actor"
@@ -119,7 +119,7 @@ def mesh_actor(context: bpy.types.Context) -> Need:
     return any(obj.unisim.mesh for obj in chosen(context, "ACTOR")), "Select a mesh actor first"
 
 
-class UNISIM_OT_release_mesh(Editing, bpy.types.Operator):
+class UNISIM_OT_release_mesh(EditsObjects, bpy.types.Operator):
     """Turn the selected mesh actors back into ordinary objects, which no sensor sees"""
 
     bl_label = "Release Mesh Actor"
@@ -132,7 +132,7 @@ class UNISIM_OT_release_mesh(Editing, bpy.types.Operator):
                 obj.unisim.kind, obj.unisim.mesh = "NONE", False
 
 
-class UNISIM_OT_mark_static(Editing, bpy.types.Operator):
+class UNISIM_OT_mark_static(EditsObjects, bpy.types.Operator):
     """Mark a static item: the bounding box of the selected active mesh, or a new box at the 3D cursor"""
 
     bl_label = "Mark Static Item"
@@ -164,7 +164,7 @@ class UNISIM_OT_mark_static(Editing, bpy.types.Operator):
         choose(context, obj)
 
 
-class UNISIM_OT_copy_static(Editing, bpy.types.Operator):
+class UNISIM_OT_copy_static(EditsObjects, bpy.types.Operator):
     """Copy the selected static items to the 3D cursor"""
 
     bl_label = "Copy Static Item"
@@ -181,7 +181,7 @@ class UNISIM_OT_copy_static(Editing, bpy.types.Operator):
         choose(context, *copies)
 
 
-class UNISIM_OT_forget_static(Editing, bpy.types.Operator):
+class UNISIM_OT_forget_static(EditsObjects, bpy.types.Operator):
     """Remove the marks of the selected static items; the scene itself stays unchanged"""
 
     bl_label = "Unmark Static Item"

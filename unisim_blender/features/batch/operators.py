@@ -28,7 +28,7 @@ from ...preferences import device, interpreter
 from ...process.background import launch
 from ...process.tasks import Task
 from ...translations import localized, message
-from ..drive.export_operators import scenario_of
+from ..drive.export_operators import scenario_of, scenario_steps
 from ..operator_bases import Editing, Needing, in_thread, nothing_runs
 from ..output.operators import sensor_options, width_options
 from ..problems import fail
@@ -55,11 +55,9 @@ class BatchTask(Task):
 
     @property
     def done(self) -> float:
-        """Units that have ended."""
         return float(self.reused + self.finished + self.failed)
 
     def hear(self, event: dict[str, Any]) -> None:
-        """Take what the command line says: how many units there are, and each that ends."""
         if event["event"] == "start":
             self.total, self.reused = float(event["units"]), event["kept"]
             self.before = self.done
@@ -69,14 +67,12 @@ class BatchTask(Task):
             self.failed += 1
 
     def measure(self) -> str:
-        """Units of how many, and how many failed."""
         if not self.total:
             return message("Checking scenarios")
         units = super().measure()
         return units if not self.failed else message("{units}, {count} failed", units=units, count=self.failed)
 
     def speed(self, rate: float) -> str:
-        """Units a minute."""
         return message(", {rate:.1f} units/min", rate=60 * rate)
 
 
@@ -89,9 +85,7 @@ _items: list[tuple[str, str, str]] = []
 def batch_place(scene: bpy.types.Scene) -> str:
     """Return the folder or URL that a scene's batch goes to; "" while it is not known."""
     out = scene.unisim_batch.out.strip()
-    if "://" in out:
-        return str(out)
-    return str(folder_on_disk(out) or "")
+    return str(out if "://" in out else folder_on_disk(out) or "")
 
 
 def jobs_folder(scene: bpy.types.Scene) -> Path | None:
@@ -131,7 +125,6 @@ class UNISIM_OT_submit_batch(Needing, Simulates, bpy.types.Operator):
     needs = (drive, variant_marked, place_known, is_driven, nothing_runs)
 
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
-        """Read all variants, write them and their sweeps, and start the command line on these."""
         scene = context.scene
         folder, place, about = jobs_folder(scene), batch_place(scene), scene.unisim_batch
         assert folder is not None  # the button is grey without
@@ -142,7 +135,7 @@ class UNISIM_OT_submit_batch(Needing, Simulates, bpy.types.Operator):
         read: dict[str, Scenario] = {}
         for variant in marked_variants(scene):
             path = folder / f"{names[variant.name]}.json"
-            scenario = yield from self.scenario(variant, path, self.start_of(variant) if driver else None)
+            scenario = yield from scenario_steps(variant, path, self.start_of(variant) if driver else None)
             scenario = as_simulated(scenario) if driver else scenario
             read[names[variant.name]] = replace(scenario, name=variant.name, path=path)
         sweeps = {name: sweep_document(name, f"{name}.json", parameters, driver) for name in read} if parameters else {}
@@ -179,7 +172,6 @@ class UNISIM_OT_add_parameter(Editing, bpy.types.Operator):
     at: EnumProperty(name="Field", description="Field of the scenario", items=field_items, options={"SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Read the scenario and offer its fields."""
         try:
             find_fields(context.scene)
         except UnisimError as fault:
@@ -214,14 +206,11 @@ def find_fields(scene: bpy.types.Scene) -> None:
     path = Path(bpy.path.abspath("//")).absolute() / "scenario.json"
     names = plain_names(source_of(scene).drive.actors)
     _fields[:] = fields_of(scenario_to_json(scenario_of(scene, path)), names)
+    values = [field.value if isinstance(field.value, str) else f"{field.value:.4g}" for field in _fields]
     _items[:] = [
-        (field.pointer, f"{localized(field.label)} = {_said(field.value)}", field.pointer) for field in _fields
+        (field.pointer, f"{localized(field.label)} = {value}", field.pointer)
+        for field, value in zip(_fields, values, strict=True)
     ]
-
-
-def _said(value: float | str) -> str:
-    """Return a value as it is shown."""
-    return value if isinstance(value, str) else f"{value:.4g}"
 
 
 class UNISIM_OT_remove_parameter(bpy.types.Operator):
@@ -237,7 +226,7 @@ class UNISIM_OT_remove_parameter(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def report_path(scene: bpy.types.Scene) -> Any:
+def report_path(scene: bpy.types.Scene) -> Path | None:
     """Return the report of a scene's batch; None where it has none on this machine."""
     place = batch_place(scene)
     path = Path(place) / REPORT
@@ -255,4 +244,6 @@ class UNISIM_OT_open_report(Needing, bpy.types.Operator):
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        return bpy.ops.wm.url_open(url=report_path(context.scene).as_uri())
+        path = report_path(context.scene)
+        assert path is not None  # the button is grey without
+        return bpy.ops.wm.url_open(url=path.as_uri())

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
-from dataclasses import dataclass
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 import bpy
@@ -19,52 +18,17 @@ from ...core.scenario.types import FRAME_FORMATS, SEQUENCE_FORMATS, FrameRange, 
 from ...editing.reading.scenario import read_scenario, with_stated, write_scenario
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled
-from ...editing.sampled.source import DriveSource
 from ...editing.simulation.continued import as_driven, open_driven
 from ...editing.simulation.rollouts import SCENARIO
 from ...translations import message
 from ..operator_bases import Editing, InSteps, Needing, in_thread
-
-
-@dataclass(frozen=True)
-class _SceneMembers:
-    """Members of a scenario that a scene stores beside its objects. ``rollout`` is the file of the one that a rollout
-    left."""
-
-    stated: str
-    captures: bool
-    simulation: str
-    models: dict[str, str]
-    rollout: Path | None
-
-    @staticmethod
-    def of(scene: bpy.types.Scene) -> _SceneMembers:
-        """Return what a scene keeps."""
-        folder = rollout_folder(scene)
-        return _SceneMembers(
-            scene.unisim.stated,
-            captures_stated(scene),
-            scene.unisim_simulation.document,
-            models_of(scene),
-            None if folder is None else folder / SCENARIO,
-        )
-
-    def put_into(self, read: Scenario, source: DriveSource, start_s: float | None) -> Scenario:
-        """Return a scenario that was read off the scene with it; see `continued.as_driven` for ``start_s``. Raises
-        `UnisimError`, also where a rollout's file is needed and is not there."""
-        scenario = with_stated(read, self.stated, source.drive, self.captures)
-        if self.rollout is not None and (start_s is not None or self.rollout.exists()):
-            scenario = as_driven(scenario, source, open_driven(self.rollout, source), start_s)
-        return with_simulation(scenario, self.simulation, self.models, source.drive)
+from .properties import PASSES
 
 
 def scenario_of(scene: bpy.types.Scene, path: Path, start_s: float | None = None) -> Scenario:
     """The scenario that a Blender scene stands for, as it would be written to ``path``. A rollout's scene is as driven
-    up to ``start_s``. Raises `UnisimError`."""
-    source, members = source_of(scene), _SceneMembers.of(scene)
-    frames, outputs = _settings(scene)
-    read = read_scenario(sample_all(scene, Clock.of(source.drive)), source, path, frames, outputs)
-    return members.put_into(read, source, start_s)
+    up to ``start_s``, see `continued.as_driven`. Raises `UnisimError`, also where a rollout's file is needed and is not there."""
+    return _reader_of(scene, path, start_s)(sample_all(scene, Clock.of(source_of(scene).drive)))
 
 
 def scenario_steps(
@@ -72,15 +36,24 @@ def scenario_steps(
 ) -> Generator[str | None, None, Scenario]:
     """Return, after some steps, what `scenario_of` returns; each step yields what the status bar says. The scene must
     not change between steps. Raises `UnisimError`."""
-    source = source_of(scene)
-    frames, outputs = _settings(scene)
-    sampled = yield from sampled_in_steps(scene, Clock.of(source.drive))
-    members = _SceneMembers.of(scene)
+    read = _reader_of(scene, path, start_s)
+    sampled = yield from sampled_in_steps(scene, Clock.of(source_of(scene).drive))
+    return (yield from in_thread(lambda: read(sampled)))
 
-    def read() -> Scenario:
-        return members.put_into(read_scenario(sampled, source, path, frames, outputs), source, start_s)
 
-    return (yield from in_thread(read))
+def _reader_of(scene: bpy.types.Scene, path: Path, start_s: float | None) -> Callable[[Sampled], Scenario]:
+    """Return what makes the scenario of a sampled scene, in any thread: what the scene stores beside its objects is read here."""
+    source, (frames, outputs) = source_of(scene), _settings(scene)
+    text, captures = scene.unisim.stated, captures_stated(scene)
+    simulation, models, folder = scene.unisim_simulation.document, models_of(scene), rollout_folder(scene)
+
+    def read(sampled: Sampled) -> Scenario:
+        scenario = with_stated(read_scenario(sampled, source, path, frames, outputs), text, source.drive, captures)
+        if folder is not None and (start_s is not None or (folder / SCENARIO).exists()):
+            scenario = as_driven(scenario, source, open_driven(folder / SCENARIO, source), start_s)
+        return with_simulation(scenario, simulation, models, source.drive)
+
+    return read
 
 
 def sampled_in_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[str | None, None, Sampled]:
@@ -98,10 +71,7 @@ def _settings(scene: bpy.types.Scene) -> tuple[FrameRange | None, Outputs]:
     """The frames of a scenario, None for all of the log's, and its outputs."""
     clock, settings = Clock.of(source_of(scene).drive), scene.unisim
     frames = clock.frame_range(scene.frame_start, scene.frame_end, scene.frame_step)
-    passes = (
-        "rgb",
-        *(name for name in ("depth", "normal", "instance", "opacity", "unsupported") if name in settings.passes),
-    )
+    passes = ("rgb", *(name for name, *_ in PASSES if name in settings.passes))
     formats = tuple(name for name in (*FRAME_FORMATS, *SEQUENCE_FORMATS) if name in settings.formats)
     return frames, Outputs(
         passes=passes,
@@ -111,19 +81,7 @@ def _settings(scene: bpy.types.Scene) -> tuple[FrameRange | None, Outputs]:
     )
 
 
-class ReadsScenes(InSteps):
-    """An operator that reads whole scenes as scenarios."""
-
-    def scenario(
-        self, scene: bpy.types.Scene, path: Path, start_s: float | None = None
-    ) -> Generator[str | None, None, Scenario]:
-        """Return a scene's scenario, in steps where the operator works in steps; see `scenario_of`."""
-        if self.timer is None:
-            return scenario_of(scene, path, start_s)
-        return (yield from scenario_steps(scene, path, start_s))
-
-
-class UNISIM_OT_export_scenario(Needing, ReadsScenes, bpy.types.Operator, ExportHelper):
+class UNISIM_OT_export_scenario(Needing, InSteps, bpy.types.Operator, ExportHelper):
     """Write the edits of the scene to a scenario file for the command unisim render"""
 
     bl_label = "Export Scenario"
@@ -139,7 +97,7 @@ class UNISIM_OT_export_scenario(Needing, ReadsScenes, bpy.types.Operator, Export
 
     def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
         path = Path(self.filepath).absolute()
-        scenario = yield from self.scenario(context.scene, path)
+        scenario = yield from scenario_steps(context.scene, path)
         yield from in_thread(lambda: write_scenario(scenario, path))
         self.report(
             {"INFO"}, message("Scenario written to {path} (edits: {count})", count=len(scenario.edits), path=path)
@@ -156,6 +114,7 @@ class UNISIM_OT_use_frame_range(Editing, bpy.types.Operator):
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
+        """Forget the range that the stated captures hold for."""
         context.scene.unisim.stated_range = (0, -1, 0)
         return {"FINISHED"}
 

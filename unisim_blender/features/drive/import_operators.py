@@ -65,6 +65,9 @@ T = TypeVar("T")
 class _ImportDrive(InSteps, ImportHelper):
     """Base of all importers: a progress bar, and one undo step at the end. Esc takes back what was imported."""
 
+    begun = False
+    """Whether something was imported."""
+
     def opening(self) -> Callable[[], DriveSource]:
         """Return what opens the drive; it runs in a thread."""
         raise NotImplementedError
@@ -77,9 +80,7 @@ class _ImportDrive(InSteps, ImportHelper):
         return self.ask_for_path(context)
 
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
-        """Open the drive, import it, show it and say what came in."""
-        self.begun = False
-        source = yield from self.run(self.opening())
+        source = yield from opened(self.opening())
         yield from self.bring_in(context, source)
         self.report({"INFO"}, localized(summary(source, skipped_sensors(context.scene))))
 
@@ -109,13 +110,6 @@ class _ImportDrive(InSteps, ImportHelper):
         """Return which parts of the drive to import."""
         return ImportOptions()
 
-    def run(self: Any, todo: Callable[[], T]) -> Generator[str | None, None, T]:
-        """Return what a function returns that knows nothing of Blender; in steps, a thread runs it."""
-        if self.timer is None:
-            return todo()
-        yield message("Opening the drive (Esc to cancel)")
-        return (yield from in_thread(todo))
-
     def modal(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Some more steps. Without global undo nothing could take back what has come in, so that Esc is not heard."""
         if event.type == "ESC" and not context.preferences.edit.use_global_undo:
@@ -134,6 +128,12 @@ class _ImportDrive(InSteps, ImportHelper):
         anything is imported."""
         context.window_manager.progress_end()
         bpy.ops.ed.undo_push(message=self.bl_label)
+
+
+def opened(todo: Callable[[], T]) -> Generator[str | None, None, T]:
+    """Return what a function returns that opens a drive, in a thread."""
+    yield message("Opening the drive (Esc to cancel)")
+    return (yield from in_thread(todo))
 
 
 def look_through_camera() -> None:
@@ -227,7 +227,6 @@ class UNISIM_OT_import_log(_ImportsParts, _ImportDrive, bpy.types.Operator):
     filter_folder: BoolProperty(default=True, options={"HIDDEN"})
 
     def opening(self) -> Callable[[], DriveSource]:
-        """Open the log in the folder that was chosen, or the one drive that it has."""
         chosen = Path(self.filepath or self.directory)
         return lambda: open_source(str(drive_in(chosen)), "")
 
@@ -242,7 +241,6 @@ class UNISIM_OT_import_scene(_ImportsParts, _ImportDrive, bpy.types.Operator):
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
 
     def opening(self) -> Callable[[], DriveSource]:
-        """Open the scene's folder, and the log that its header names."""
         chosen = Path(self.filepath)
         folder = chosen.parent if chosen.name == HEADER_NAME else chosen
         return lambda: open_source(str((folder / read_scene_header(folder).log_path).resolve()), str(folder))
@@ -252,10 +250,10 @@ class _ImportScenario(_ImportDrive):
     """Base of importers of a scenario's drive; that of a rollout gets markers, too."""
 
     def bring_in_edited(
-        self: Any, context: bpy.types.Context, opened: ImportedScenario
+        self: Any, context: bpy.types.Context, imported: ImportedScenario
     ) -> Generator[str | None, None, None]:
         """Import an opened scenario's drive, then edit it."""
-        scenario, source, edited, driven = opened
+        scenario, source, edited, driven = imported
         yield from self.bring_in(context, source)
         for _ in apply_edits(context.scene, source, scenario, edited):
             yield message("Applying the edits (Esc to cancel)")
@@ -277,13 +275,13 @@ class UNISIM_OT_import_scenario(_ImportScenario, bpy.types.Operator):
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
 
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
-        self.begun, path = False, Path(self.filepath).absolute()
-        opened = yield from self.run(lambda: opened_scenario(path))
+        path = Path(self.filepath).absolute()
+        scenario = yield from opened(lambda: opened_scenario(path))
         if has_drive(context.scene):
             raise UnisimError(
                 f'scene "{context.scene.name}": has a drive already; import the scenario into a new scene'
             )
-        yield from self.bring_in_edited(context, opened)
+        yield from self.bring_in_edited(context, scenario)
 
 
 class UNISIM_OT_open_rollout(Needing, _ImportScenario, bpy.types.Operator):
@@ -302,7 +300,7 @@ class UNISIM_OT_open_rollout(Needing, _ImportScenario, bpy.types.Operator):
 
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Open the rollout, and import its scenario; beside a drive that is there into a new variant."""
-        self.begun, folder = False, Path(bpy.path.abspath(self.filepath or self.directory)).absolute()
+        folder = Path(bpy.path.abspath(self.filepath or self.directory)).absolute()
         if not is_rollout(folder):
             raise UnisimError(message("{folder}: holds no finished rollout", folder=folder))
         shown = scene_of_rollout(folder)
@@ -310,14 +308,14 @@ class UNISIM_OT_open_rollout(Needing, _ImportScenario, bpy.types.Operator):
             show_variant(context.window, shown)
             self.report({"INFO"}, message("{name} is shown: it was opened before", name=shown.name))
             return
-        opened = yield from self.run(lambda: opened_scenario(folder / SCENARIO))
+        scenario = yield from opened(lambda: opened_scenario(folder / SCENARIO))
         if has_drive(context.scene):
             self.begun = True
             scene = bpy.data.scenes.new(folder.name)
             keep_settings(context.scene, scene)
             context.window.scene = scene
             yield None
-        yield from self.bring_in_edited(context, opened)
+        yield from self.bring_in_edited(context, scenario)
         if shown is not None:  # its folder has changed
             name = shown.name
             delete_variant(shown)
@@ -366,7 +364,6 @@ class UNISIM_FH_json(bpy.types.FileHandler):
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
-        """A 3D view or an outliner has to be under the mouse."""
         return context.area is not None and context.area.type in ("VIEW_3D", "OUTLINER")
 
 
@@ -489,7 +486,6 @@ class UNISIM_OT_import_sensors(Needing, bpy.types.Operator):
     )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask, as the scene has them."""
         self.sensors = {item[0] for item in sensor_items(self, context)} - skipped_sensors(context.scene)
         return set(context.window_manager.invoke_props_dialog(self, confirm_text="Import"))
 
@@ -503,7 +499,7 @@ class UNISIM_OT_import_sensors(Needing, bpy.types.Operator):
         return handed_on(self, lambda: import_recognised(chosen, parts))
 
 
-class UNISIM_OT_locate_log(InSteps, Editing, bpy.types.Operator):
+class UNISIM_OT_locate_log(Editing, InSteps, bpy.types.Operator):
     """Choose the folder in which the log of this drive lies now"""
 
     bl_label = "Choose Folder of the Log"
@@ -519,8 +515,7 @@ class UNISIM_OT_locate_log(InSteps, Editing, bpy.types.Operator):
         """Open it, and have all scenes of the drive name it. Raises `UnisimError` for another drive's log."""
         about, chosen = context.scene.unisim, Path(bpy.path.abspath(self.directory))
         scene = bpy.path.abspath(about.scene) if about.scene else ""
-        yield message("Opening the drive (Esc to cancel)")
-        source = yield from in_thread(lambda: open_source(str(drive_in(chosen)), scene))
+        source = yield from opened(lambda: open_source(str(drive_in(chosen)), scene))
         if about.origin and json.loads(about.origin) != source.drive.world_origin.tolist():
             raise UnisimError(message("{folder}: is the log of another drive", folder=source.log_path))
         before = about.log

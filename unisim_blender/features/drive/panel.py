@@ -31,15 +31,9 @@ class UNISIM_PT_drive(DrivePanel, bpy.types.Panel):
         column = layout.column(align=True)
         row_of(column, "Log", Path(about.log).name, "FILE_FOLDER")
         row_of(column, "Scene", Path(about.scene).name if about.scene else "", "SHADING_RENDERED")
-        actors, sensors = (
-            sum(1 for _ in imported_objects(scene, *kinds)) for kinds in (("ACTOR",), ("CAMERA", "LIDAR"))
-        )
-        row_of(
-            column,
-            "Contains",
-            interface("Actors: {actors}, sensors: {sensors}", actors=actors, sensors=sensors),
-            "OUTLINER_OB_GROUP_INSTANCE",
-        )
+        actors, sensors = (len(list(imported_objects(scene, *kinds))) for kinds in (("ACTOR",), ("CAMERA", "LIDAR")))
+        text = interface("Actors: {actors}, sensors: {sensors}", actors=actors, sensors=sensors)
+        row_of(column, "Contains", text, "OUTLINER_OB_GROUP_INSTANCE")
         layout.operator("unisim.import_sensors", icon="OUTLINER_OB_CAMERA")
         layout.operator("unisim.import_scene", text="Import Trained Scene", icon="IMPORT")
 

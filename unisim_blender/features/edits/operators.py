@@ -17,10 +17,10 @@ from ...editing.edits.lines import EditLine, conflicting, nearest_frame
 from ...editing.sampled.clock import Clock
 from ...editing.texts import series
 from ...translations import localized, message, tooltip
-from ..operator_bases import Needing, reporting
+from ..operator_bases import Editing, reporting
 
 
-class _OfEdit(Needing):
+class _OfEdit(Editing):
     """An operator on one line of the list."""
 
     needs = (object_mode, drive)
@@ -48,11 +48,9 @@ class UNISIM_OT_go_to_edit(_OfEdit, bpy.types.Operator):
     """Select the object and go to a frame at which the edit shows"""
 
     bl_label = "Go to Edit"
-    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
-        """Say what the edit is, in full, with its frames."""
         key = properties.kind, properties.name, properties.part
         for line in reading_of(context.scene).lines:
             if (line.key, line.muted) == (key, properties.muted):
@@ -87,10 +85,8 @@ class UNISIM_OT_revert_edit(_OfEdit, bpy.types.Operator):
     """Revert the edit: the object returns to its imported state, a copied or inserted object is deleted"""
 
     bl_label = "Revert Edit"
-    bl_options = {"REGISTER", "UNDO"}
 
     def do(self, context: bpy.types.Context, line: EditLine) -> None:
-        """Revert it; a muted one is deleted."""
         scene = context.scene
         if line.muted >= 0:
             drop(scene, line.muted)
@@ -104,7 +100,6 @@ class UNISIM_OT_mute_edit(_OfEdit, bpy.types.Operator):
     """Mute or unmute the edit; a muted edit is kept in the file and ignored in images, sweeps and scenarios"""
 
     bl_label = "Mute Edit"
-    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:

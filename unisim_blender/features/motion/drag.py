@@ -34,7 +34,7 @@ from ...editing.sampled.clock import Clock
 from ...editing.sensors.mounts import angles
 from ...editing.texts import Text, kmh, series, translatable
 from ...translations import interface, localized, message, tooltip
-from ..operator_bases import Editing, Needing, in_m_s, in_metres, in_seconds
+from ..operator_bases import EditsObjects, Needing, in_m_s, in_metres, in_seconds
 from ..problems import fail
 from .overlay import Grip, graph_place, grips
 from .properties import graph_of, limits_of
@@ -331,7 +331,7 @@ class _Aimed(Needing):
         return Text("{name}: looks {yaw}, {pitch}", name=context.active_object.name, yaw=yaw, pitch=pitch)
 
 
-class UNISIM_OT_aim_sensor(_Aimed, Editing, bpy.types.Operator):
+class UNISIM_OT_aim_sensor(_Aimed, EditsObjects, bpy.types.Operator):
     """Turn the active camera or LiDAR on its mount, by yaw and pitch from the vehicle's axis"""
 
     bl_label = "Aim Sensor"

@@ -29,7 +29,7 @@ from ...editing.sampled.clock import Clock
 from ...editing.texts import Text, series
 from ...translations import localized, message
 from ..actors.appearances import choice_of, listed
-from ..operator_bases import Editing, Needing, draw_split, in_m_s, in_m_s2, in_metres, in_seconds
+from ..operator_bases import EditsObjects, Needing, draw_split, in_m_s, in_m_s2, in_metres, in_seconds
 from .drag import Dragged
 from .gizmos import Handles, are_shown
 from .operators import FromTime
@@ -102,7 +102,7 @@ def traffic_of(obj: bpy.types.Object) -> OtherActors:
     return OtherActors(["Ego vehicle", *others], *taken)
 
 
-class UNISIM_OT_maneuver(FromTime, Editing, bpy.types.Operator):
+class UNISIM_OT_maneuver(FromTime, EditsObjects, bpy.types.Operator):
     """Let the active actor, or a new one, do a maneuver; numbers can be changed afterwards (F9)"""
 
     bl_label = "Maneuver"

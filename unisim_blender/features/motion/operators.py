@@ -22,7 +22,7 @@ from ...editing.motion.retiming import Retiming, followed, followed_briefly, lat
 from ...editing.sampled.clock import Clock
 from ...editing.texts import UPPER, cased, series
 from ...translations import localized, message
-from ..operator_bases import Editing, draw_split, in_m_s, in_m_s2, in_metres, in_seconds
+from ..operator_bases import EditsObjects, draw_split, in_m_s, in_m_s2, in_metres, in_seconds
 
 BRAKING = (
     ("COMFORTABLE", "Comfortable", "As actors of this class brake ordinarily"),
@@ -91,7 +91,7 @@ def one_curve(context: bpy.types.Context) -> Need:
     return len(curves) == 1, "Select one curve in addition to the actors (Add > Curve)"
 
 
-class UNISIM_OT_follow_curve(FromTime, Braking, Editing, bpy.types.Operator):
+class UNISIM_OT_follow_curve(FromTime, Braking, EditsObjects, bpy.types.Operator):
     """Move the selected actors along the selected curve, from a time on, and stop them at its end"""
 
     bl_label = "Follow Curve"
@@ -135,7 +135,7 @@ class UNISIM_OT_follow_curve(FromTime, Braking, Editing, bpy.types.Operator):
         return actors
 
 
-class UNISIM_OT_snap_to_ground(Editing, bpy.types.Operator):
+class UNISIM_OT_snap_to_ground(EditsObjects, bpy.types.Operator):
     """Place the selected actors and static items on the ground below them, at the current frame"""
 
     bl_label = "Snap to Ground"
@@ -173,7 +173,7 @@ NEEDED = {
 }
 
 
-class UNISIM_OT_retime_actor(FromTime, Braking, Editing, bpy.types.Operator):
+class UNISIM_OT_retime_actor(FromTime, Braking, EditsObjects, bpy.types.Operator):
     """Change when the selected actors are where on their trajectories"""
 
     bl_label = "Retime Actor"
@@ -244,7 +244,7 @@ class UNISIM_OT_retime_actor(FromTime, Braking, Editing, bpy.types.Operator):
         return 0.0 if change is None else change.hardest_m_s2
 
 
-class UNISIM_OT_shift_actor(Editing, bpy.types.Operator):
+class UNISIM_OT_shift_actor(EditsObjects, bpy.types.Operator):
     """Shift the selected actors sideways, along the path of their trajectory and in time, alike at every time"""
 
     bl_label = "Shift Actor"

@@ -30,7 +30,7 @@ from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import rigid
 from ...editing.texts import Text, free_name, series
 from ...translations import localized, message
-from ..operator_bases import Editing, Needing, draw_split, in_metres
+from ..operator_bases import EditsObjects, Needing, draw_split, in_metres
 from .drag import STEP_M, Dragged
 from .gizmos import HANDLE, Handles, are_shown
 from .operators import curve_line
@@ -73,7 +73,7 @@ def curve_points(context: bpy.types.Context) -> tuple[tuple[float, float, float]
     return tuple((x, y, z) for x, y, z in curve_line(context, curve).round(4).tolist())
 
 
-class PlacesRow(Editing):
+class PlacesRow(EditsObjects):
     """Base of operators that put copies of what stands into a row."""
 
     needs = (object_mode, drive)

@@ -10,7 +10,7 @@ from bpy.props import EnumProperty
 
 from ...bridge.objects.imported import source_of
 from ...bridge.objects.settings import output_sensors, rendered_keys
-from ...bridge.window import Need, allowed, drive, folder_on_disk
+from ...bridge.window import Need, drive, folder_on_disk
 from ...core.errors import UnisimError
 from ...editing.images.rendered import RenderedFrames, player_command, rendered_cameras
 from ...editing.reading.scenario import write_scenario
@@ -19,9 +19,8 @@ from ...preferences import device, interpreter
 from ...process.background import launch
 from ...process.tasks import SequenceTask, Task
 from ...translations import message
-from ..drive.export_operators import ReadsScenes
+from ..drive.export_operators import scenario_steps
 from ..operator_bases import AtOnce, Needing, in_thread, nothing_runs, reporting
-from ..problems import fail
 
 SCENARIO = "scenario.json"
 MIN_WIDTH = 8
@@ -63,7 +62,7 @@ def width_options(scene: bpy.types.Scene) -> list[str]:
     return ["--width", str(max(MIN_WIDTH, width))] if width else []
 
 
-class UNISIM_OT_render_sequence(Needing, AtOnce, ReadsScenes, bpy.types.Operator):
+class UNISIM_OT_render_sequence(Needing, AtOnce, bpy.types.Operator):
     """Render the sensors over the frame range into the output folder, in the background; finished frames are kept"""
 
     bl_label = "Render Sequence"
@@ -75,7 +74,7 @@ class UNISIM_OT_render_sequence(Needing, AtOnce, ReadsScenes, bpy.types.Operator
         folder = output_folder(scene)
         sensors = output_sensors(scene, context.selected_objects, source_of(scene).drive)
         folder.mkdir(parents=True, exist_ok=True)
-        scenario = yield from self.scenario(scene, folder / SCENARIO)
+        scenario = yield from scenario_steps(scene, folder / SCENARIO)
         yield from in_thread(lambda: write_scenario(scenario, folder / SCENARIO))
         wanted = rendered_keys(scene, scenario, source_of(scene).drive)
         task = SequenceTask(render_arguments(scene, folder, sensors), folder, float(len(wanted)), interpreter())
@@ -108,52 +107,47 @@ def folder_known(context: bpy.types.Context) -> Need:
     ) is not None, "Save the .blend first, or choose a folder that does not depend on it"
 
 
-class UNISIM_OT_open_output(bpy.types.Operator):
+class UNISIM_OT_open_output(Needing, bpy.types.Operator):
     """Open the output folder in the system's file browser"""
 
     bl_label = "Open Folder"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        folder = known_folder(context.scene)
-        there = folder is not None and folder.is_dir()
-        return allowed(
-            cls, drive(context), folder_known(context), (there, "The output folder does not exist yet: render first")
-        )
+    needs = (
+        drive,
+        folder_known,
+        lambda context: (
+            (folder := known_folder(context.scene)) and folder.is_dir(),
+            "The output folder does not exist yet: render first",
+        ),
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         return bpy.ops.wm.path_open(filepath=str(known_folder(context.scene)))
 
 
-class UNISIM_OT_play_result(bpy.types.Operator):
+class UNISIM_OT_play_result(Needing, bpy.types.Operator):
     """Play the rendered images of a camera in Blender's animation player"""
 
     bl_label = "Play Result"
     bl_options = {"REGISTER"}
 
     camera: EnumProperty(name="Camera", description="Camera whose images are played", items=camera_items)
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Images have to be there, and a Blender that plays them."""
-        return allowed(
-            cls,
-            drive(context),
-            folder_known(context),
-            (results_of(context.scene), "The output folder has no camera images yet: render a sequence first"),
-            (bpy.app.binary_path, "Blender runs as a Python module, which has no animation player"),
-        )
+    needs = (
+        drive,
+        folder_known,
+        lambda context: (
+            results_of(context.scene),
+            "The output folder has no camera images yet: render a sequence first",
+        ),
+        lambda context: (bpy.app.binary_path, "Blender runs as a Python module, which has no animation player"),
+    )
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         frames, render = results_of(context.scene).get(self.camera), context.scene.render
         if frames is None:
             raise UnisimError(message('camera "{name}" has no images in the output folder', name=self.camera))
-        try:
-            subprocess.Popen(player_command(bpy.app.binary_path, frames, render.fps, render.fps_base))
-        except OSError as fault:
-            return fail(self, fault)
+        subprocess.Popen(player_command(bpy.app.binary_path, frames, render.fps, render.fps_base))
         return {"FINISHED"}
 
 
@@ -199,15 +193,12 @@ def film_of(scene: bpy.types.Scene) -> Path | None:
     return max(films, key=lambda path: path.stat().st_mtime_ns, default=None)
 
 
-class UNISIM_OT_open_film(bpy.types.Operator):
+class UNISIM_OT_open_film(Needing, bpy.types.Operator):
     """Open the film of the sequence: MP4, or where the renderer's Python lacks imageio-ffmpeg a page for the browser"""
 
     bl_label = "Open Film"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return allowed(cls, drive(context), (film_of(context.scene), "There is no film yet: make one first"))
+    needs = (drive, lambda context: (film_of(context.scene), "There is no film yet: make one first"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         return bpy.ops.wm.path_open(filepath=str(film_of(context.scene)))

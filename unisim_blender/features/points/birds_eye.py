@@ -69,7 +69,6 @@ class UNISIM_OT_birds_eye(Needing, bpy.types.Operator):
     needs = (drive,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Close the views from above, or split this view."""
         opened, ego = list(views(context.scene)), next(imported_objects(context.scene, "EGO"), None)
         bpy.app.timers.register(fit_cameras, first_interval=DRAWN_S)
         for area, *_ in opened:

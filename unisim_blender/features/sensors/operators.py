@@ -15,7 +15,7 @@ from ...core.sensors.beam_tables import BEAM_TABLES
 from ...core.world.drive import CameraModel, LidarModel
 from ...editing.sensors.mounts import lidar_json, own_table
 from ...translations import message
-from ..operator_bases import Editing, reporting
+from ..operator_bases import Editing, Needing, reporting
 
 OWN = "OWN"
 OWN_TABLE = "15, 10, 5, 2, 0, -2, -4, -7, -10, -15"
@@ -36,13 +36,15 @@ def put_on_vehicle(
     return sensor
 
 
-class _OnVehicle(Editing):
+class _OnVehicle(Needing):
+    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle)
 
 
-class _OfSensor(Editing):
+class _OfSensor(Needing):
     """An operator that a sensor's row in the list has."""
 
+    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle)
 
     name: StringProperty(name="Sensor", options={"HIDDEN", "SKIP_SAVE"})
@@ -65,7 +67,6 @@ class UNISIM_OT_look_through(_OfSensor, bpy.types.Operator):
     bl_label = "Look Through Camera"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Make it the active camera, and show what it sees in this 3D view."""
         camera = self.sensor(context)
         if camera is None or camera.type != "CAMERA":
             return {"CANCELLED"}
@@ -139,7 +140,6 @@ class _Beams:
     )
 
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for one's own table."""
         return context.window_manager.invoke_props_dialog(self) if self.preset == OWN else self.execute(context)
 
     def draw(self: Any, context: bpy.types.Context) -> None:

@@ -14,7 +14,7 @@ from bpy.props import IntProperty, StringProperty
 from ...bridge.objects.imported import source_of
 from ...bridge.objects.settings import modelled, output_sensors, rollout_folder
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.window import Need, allowed, chosen, drive, folder_on_disk, selected
+from ...bridge.window import Need, chosen, drive, folder_on_disk, selected
 from ...core.errors import UnisimError
 from ...editing.sampled.clock import Clock
 from ...editing.simulation import stated
@@ -36,8 +36,8 @@ from ...preferences import device, interpreter
 from ...process.background import launch
 from ...process.tasks import SequenceTask
 from ...translations import interface, localized, message, tooltip
-from ..drive.export_operators import ReadsScenes
-from ..operator_bases import AtOnce, Needing, in_thread, nothing_runs
+from ..drive.export_operators import scenario_steps
+from ..operator_bases import AtOnce, Editing, Needing, in_thread, nothing_runs
 from ..output.operators import sensor_options, width_options
 from .properties import driver_of
 
@@ -78,7 +78,7 @@ def driver_named(context: bpy.types.Context) -> Need:
     return driver_of(context.scene), "Name the driver first: module:function, or its address"
 
 
-class Simulates(AtOnce, ReadsScenes):
+class Simulates(AtOnce):
     """Base of operators that simulate."""
 
     def start_of(self, scene: bpy.types.Scene) -> float | None:
@@ -91,7 +91,6 @@ class Simulates(AtOnce, ReadsScenes):
         return start_s if start_s > begin + 1e-6 else None
 
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
-        """Write the scenario beside the rollout's folder and start the command line on it."""
         scene = context.scene
         parent, source, about = rollouts_folder(scene), source_of(scene), scene.unisim_simulation
         assert parent is not None  # the button is grey without
@@ -100,7 +99,7 @@ class Simulates(AtOnce, ReadsScenes):
         command = ["--driver", driver, "--device", device()]
         command += ["--driver-address", about.address.strip()] if is_remote(driver) else []
         command += [*sensor_options(sensors), *renderer_options(about.renderer), *width_options(scene)]
-        read = yield from self.scenario(scene, parent / "scenario.json", self.start_of(scene))
+        read = yield from scenario_steps(scene, parent / "scenario.json", self.start_of(scene))
         scenario, scene_name, opened = stated.as_simulated(read), scene.name, rollout_folder(scene)
         if opened is not None and scene_name == opened.name:  # rollouts of rollouts are named alike
             scene_name = variant_of(opened)
@@ -179,22 +178,23 @@ class UNISIM_OT_drive_on(Needing, Simulates, bpy.types.Operator):
         yield from super().work(context)
 
 
-class UNISIM_OT_same_model(bpy.types.Operator):
+def active_actor(context: bpy.types.Context) -> Need:
+    """An actor of the scene is active."""
+    obj = context.active_object
+    there = obj is not None and obj.unisim.kind == "ACTOR" and obj.name in context.scene.objects
+    return there, "Make an actor active first: click it"
+
+
+class UNISIM_OT_same_model(Editing, bpy.types.Operator):
     """Give the selected actors the model of the active one, with its parameters"""
 
     bl_label = "Same for Selected"
-    bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """An actor has to be active, and others be selected."""
-        return allowed(
-            cls,
-            drive(context),
-            active_actor(context),
-            selected("Select an actor first", "ACTOR")(context),
-            (len(chosen(context, "ACTOR")) > 1, "Select further actors: the active one has this model already"),
-        )
+    needs = (
+        drive,
+        active_actor,
+        selected("Select an actor first", "ACTOR"),
+        lambda context: (chosen(context, "ACTOR")[1:], "Select further actors: the active one has this model already"),
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         document, actors = context.active_object.unisim_model.document, chosen(context, "ACTOR")
@@ -204,17 +204,13 @@ class UNISIM_OT_same_model(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_forget_model(bpy.types.Operator):
+class UNISIM_OT_forget_model(Editing, bpy.types.Operator):
     """Let the actor move as all others do in simulations"""
 
     bl_label = "As All Others"
-    bl_options = {"REGISTER", "UNDO"}
+    needs = (drive, lambda context: (modelled(context.scene), "No actor has a model of its own"))
 
     name: StringProperty(name="Actor", description="The object's name", options={"SKIP_SAVE"})
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return allowed(cls, drive(context), (modelled(context.scene), "No actor has a model of its own"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         obj = context.scene.objects.get(self.name)
@@ -250,6 +246,7 @@ class UNISIM_OT_sort_rollouts(bpy.types.Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
+        """What the score means."""
         return tooltip(COLUMNS[properties.column].about) if properties.column >= 0 else ""
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -309,10 +306,3 @@ def list_row(layout: Any) -> list[Any]:
         cells.append(split.row(align=True))
         left -= width
     return [*cells, split.row(align=True)]
-
-
-def active_actor(context: bpy.types.Context) -> Need:
-    """An actor of the scene is active."""
-    obj = context.active_object
-    there = obj is not None and obj.unisim.kind == "ACTOR" and obj.name in context.scene.objects
-    return there, "Make an actor active first: click it"

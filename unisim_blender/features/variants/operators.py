@@ -25,8 +25,8 @@ from ...preferences import interpreter
 from ...process.background import launch
 from ...process.tasks import SequenceTask, newest_image
 from ...translations import message
-from ..drive.export_operators import ReadsScenes
-from ..operator_bases import AtOnce, Editing, Needing, nothing_runs, reporting
+from ..drive.export_operators import scenario_steps
+from ..operator_bases import AtOnce, Editing, InSteps, Needing, nothing_runs, reporting
 from ..output.operators import SCENARIO, output_folder, render_arguments
 
 
@@ -63,12 +63,10 @@ class VariantsTask(SequenceTask):
 
     @property
     def problem(self) -> str:
-        """Why it failed, and at which variant; "" where it did not."""
         problem = super().problem
         return f"{self.parts[self.at].name}: {problem}" if problem else ""
 
     def measure(self) -> str:
-        """Return the variant that is rendered, and the number of its frames."""
         part = self.parts[self.at]
         whole = super().measure()
         if not self.running and not self.cancelled:
@@ -92,9 +90,6 @@ class VariantsTask(SequenceTask):
         return code
 
 
-FIRST = "Variant 2"
-
-
 def marked_variants(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
     """Return the variants that are marked in the list of variants."""
     return [variant for variant in variants_of(scene) if variant.unisim_edits.rendered] if scene.unisim.log else []
@@ -105,7 +100,7 @@ def variant_marked(context: bpy.types.Context) -> Need:
     return marked_variants(context.scene), "Mark a variant in the list first"
 
 
-class _Named(Needing):
+class _Named(Editing):
     """An operator that asks for a variant's name."""
 
     needs = (object_mode, drive)
@@ -126,10 +121,9 @@ class UNISIM_OT_new_variant(_Named, bpy.types.Operator):
     """Copy the scene as a new, independent variant of the scenario and show it"""
 
     bl_label = "New Variant"
-    bl_options = {"REGISTER", "UNDO"}
 
     def proposed(self, context: bpy.types.Context) -> str:
-        return free_variant_name(FIRST, bpy.data.scenes)
+        return free_variant_name("Variant 2", bpy.data.scenes)
 
     def do(self, context: bpy.types.Context, name: str) -> None:
         variant = new_variant(context.window, context.scene, name)
@@ -140,7 +134,6 @@ class UNISIM_OT_rename_variant(_Named, bpy.types.Operator):
     """Rename the shown variant"""
 
     bl_label = "Rename Variant"
-    bl_options = {"REGISTER", "UNDO"}
 
     def proposed(self, context: bpy.types.Context) -> str:
         return context.scene.name
@@ -175,11 +168,11 @@ class UNISIM_OT_delete_variant(Editing, bpy.types.Operator):
         return {"FINISHED"}
 
 
+# an undo step, so that the panel of the last operation does not offer to change one of another variant
 class UNISIM_OT_show_variant(Editing, bpy.types.Operator):
     """Show this variant, at the same frame"""
 
     bl_label = "Show Variant"
-    # an undo step, so that the panel of the last operation does not offer to change one of another variant
     needs = (object_mode,)
 
     name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
@@ -203,13 +196,14 @@ class UNISIM_OT_compare_variant(bpy.types.Operator):
     name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
+        """Note which; the panel lists what differs."""
         manager = context.window_manager
         manager.unisim_compared = "" if manager.unisim_compared == self.name else self.name
         redraw("VIEW_3D")
         return {"FINISHED"}
 
 
-class UNISIM_OT_export_variants(Needing, ReadsScenes, bpy.types.Operator):
+class UNISIM_OT_export_variants(Needing, InSteps, bpy.types.Operator):
     """Write every variant as a scenario file into a folder"""
 
     bl_label = "Export Variants"
@@ -218,7 +212,7 @@ class UNISIM_OT_export_variants(Needing, ReadsScenes, bpy.types.Operator):
 
     directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
     filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
-    invoke = ReadsScenes.ask_for_path
+    invoke = InSteps.ask_for_path
 
     def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Read all, then write all, so that no half of them is written where one cannot be read."""
@@ -227,14 +221,14 @@ class UNISIM_OT_export_variants(Needing, ReadsScenes, bpy.types.Operator):
         names, read = file_names(scene.name for scene in scenes), []
         for scene in scenes:
             path = folder / f"{names[scene.name]}.json"
-            read.append(((yield from self.scenario(scene, path)), path))
+            read.append(((yield from scenario_steps(scene, path)), path))
         folder.mkdir(parents=True, exist_ok=True)
         for scenario, path in read:
             write_scenario(scenario, path)
         self.report({"INFO"}, message("Scenarios written to {folder}: {count}", count=len(read), folder=folder))
 
 
-class UNISIM_OT_render_variants(Needing, AtOnce, ReadsScenes, bpy.types.Operator):
+class UNISIM_OT_render_variants(Needing, AtOnce, bpy.types.Operator):
     """Render the marked variants one after another."""
 
     bl_label = "Render Variants"
@@ -251,7 +245,7 @@ class UNISIM_OT_render_variants(Needing, AtOnce, ReadsScenes, bpy.types.Operator
         for scene in marked_variants(context.scene):
             folder = root / names[scene.name]
             folder.mkdir(parents=True, exist_ok=True)
-            scenario = yield from self.scenario(scene, folder / SCENARIO)
+            scenario = yield from scenario_steps(scene, folder / SCENARIO)
             write_scenario(scenario, folder / SCENARIO)
             selected = [obj for obj in scene.objects if obj.select_get(view_layer=scene.view_layers[0])]
             arguments = render_arguments(scene, folder, output_sensors(scene, selected, source_of(scene).drive))

@@ -29,7 +29,6 @@ class UNISIM_PT_variants(DrivePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw a row for each variant, what can be done with them, and a comparison."""
         layout, shown, manager = self.layout, context.scene, context.window_manager
         edit_watch.want()
         scenes = variants_of(shown)

@@ -12,7 +12,8 @@ from ...model.occupancy import OccupancyTrainer
 from ...model.scene import SceneModel
 from ...ops.composite import SegmentWeights
 from ...ops.constants import GROUND_CELL_M
-from ...ops.ray_segments import ActorSegments, FieldSegments
+from ...ops.padding import compact, drawn, masked_mean
+from ...ops.ray_segments import ActorSegments, FieldSegments, rows_of
 from ...ops.segment_trace import SegmentTrace
 from ..batches.sweeps import LidarBatch
 from .terms import eikonal, normal_smoothness, sdf_band_loss, wrong_side
@@ -39,22 +40,24 @@ _STEP_M = 0.06
 
 class ShapeLosses:
     """The loss's terms about a model's distances; ``known_ground`` (C, 2) are the cells whose ground
-    height can be trusted."""
+    height can be trusted. ``padded`` says that no shape may depend on values."""
+
+    padded = False
 
     def __init__(self, model: SceneModel, occupancy: OccupancyTrainer, known_ground: Tensor) -> None:
         self.model, self.occupancy, self.known_ground = model, occupancy, known_ground
 
     def sdf_band(
-        self, tables: Tensor, swept: SegmentTrace, lidar: LidarBatch, generator: torch.Generator
-    ) -> tuple[Tensor, Tensor]:
-        """Return the loss of signed distances at and before LiDAR returns, and points (N, 3) of the static field near
-        such returns.
+        self, tables: Tensor, swept: SegmentTrace, lidar: LidarBatch, generator: torch.Generator | None
+    ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
+        """Return the loss of signed distances at and before LiDAR returns, and points (N, 3) of which those marked (N,)
+        are of the static field and near such returns.
 
         ``tables`` are the actors' grids; ``swept`` is what the rays of ``lidar`` hit.
         """
         model = self.model
         o, d = model.frame.points(lidar.rays.origins), model.frame.vectors(lidar.rays.directions)
-        in_box = torch.zeros_like(lidar.returned)
+        hits = o.new_zeros(len(o))
         end = o + d * lidar.depth_m[:, None]
         above = model.ground.above(end)
         band = o.new_zeros(())
@@ -68,96 +71,110 @@ class ShapeLosses:
                 & (depth > segments.t_near)
                 & (depth < segments.t_far)
             )
-            in_box[segments.ray[hit]] = True
-            if not bool(hit.any()):
-                continue
-            band = band + self._actor_band(segments, hit, depth[hit], tables, generator)
-        static = lidar.returned & model.frame.inside(end) & ~in_box
-        o, d, depth_m = o[static], d[static], lidar.depth_m[static]
+            hits = hits.index_add(0, segments.ray, hit.to(hits.dtype))
+            if not self.padded:
+                index = torch.nonzero(hit)[:, 0]
+                segments, depth, hit = rows_of(segments, index), depth[index], hit[index]  # noqa: PLW2901
+            if len(hit):
+                band = band + self._actor_band(segments, hit, depth, tables, generator)
+        # a ray that grazes the road is early as often as late
+        stop_m = torch.where(above & (swept.volume_opacity > 0.5), swept.volume_depth_m.detach(), torch.inf)
+        static = lidar.returned & model.frame.inside(end) & (hits == 0)
+        static, o, d, end, above, depth_m, stop_m = compact(
+            self.padded, static, o, d, end, above, lidar.depth_m, stop_m
+        )  # fmt: skip
         offset = self._offsets(len(o), generator, _BAND_M)
         x = o + d * (depth_m - offset)[:, None]
-        band = (
-            band
-            + sdf_band_loss(model.static.signed_distance(x), offset)
-            + self._ground_band(end[static & ~above], generator)
-        )
-        # a ray that grazes the road is early as often as late
-        stops = above & (swept.volume_opacity > 0.5)
-        stop_m = torch.where(stops, swept.volume_depth_m.detach(), torch.inf)[static]
-        band = band + self._passed(o, d, depth_m, stop_m, generator) + self._wall_band(o, d, depth_m, generator)
-        return band, x.detach()
+        band = band + masked_mean(sdf_band_loss(model.static.signed_distance(x), offset), static)
+        ground, returns = compact(self.padded, static & ~above, end)
+        band = band + self._ground_band(returns, ground, generator)
+        band = band + self._passed(o, d, depth_m, stop_m, static, generator)
+        return band + self._wall_band(o, d, depth_m, static, generator), (x.detach(), static)
 
     def _actor_band(
-        self, segments: ActorSegments, hit: Tensor, depth_m: Tensor, tables: Tensor, generator: torch.Generator
+        self, segments: ActorSegments, hit: Tensor, depth_m: Tensor, tables: Tensor, generator: torch.Generator | None
     ) -> Tensor:
-        """Return the loss of actors' signed distances around returns in their boxes, at depth_m (M,) of those ray
+        """Return the loss of actors' signed distances around returns in their boxes, at depth_m (P,) of those ray
         segments (P,) bool that ``hit`` one.
 
         Behind what it returned an actor is solid. Of a mere shell most of a ray's samples know nothing, and images
         paint it onto what is far behind: a lorry that drives ahead keeps its bearing, as the street's end does.
         """
         # a segment's points lie on a line: where it is at any depth follows from two of them
-        t0, t1 = segments.t[hit, :1], segments.t[hit, -1:]
-        p0, p1 = segments.points[hit, 0], segments.points[hit, -1]
+        t0, t1 = segments.t[:, :1], segments.t[:, -1:]
+        p0, p1 = segments.points[:, 0], segments.points[:, -1]
 
         def place(offset: Tensor) -> Tensor:
             return p0 + (depth_m[:, None] - offset[:, None] - t0) / (t1 - t0).clamp_min(1e-4) * (p1 - p0)
 
-        actor = segments.actor[hit]
+        actor = segments.actor
         offset = self._offsets(len(actor), generator, 0.15)
-        band = sdf_band_loss(self.model.actors.signed_distance(tables, place(offset).clamp(0, 1), actor), offset)
-        reach = (_SOLID_SHARE * segments.size_m[hit].amin(-1)).clamp_max(_SOLID_M)
+        s = self.model.actors.signed_distance(tables, place(offset).clamp(0, 1), actor)
+        band = masked_mean(sdf_band_loss(s, offset), hit)
+        reach = (_SOLID_SHARE * segments.size_m.amin(-1)).clamp_max(_SOLID_M)
         behind = _behind(reach, generator)
         x = place(-behind)
         inside = ((x > 0) & (x < 1)).all(-1)
         s = self.model.actors.signed_distance(tables, x.clamp(0, 1), actor)
-        return band + _hinge(s, behind, inside)
+        return band + masked_mean(_hinge(s, behind) * inside, hit)
 
-    def _wall_band(self, o: Tensor, d: Tensor, depth_m: Tensor, generator: torch.Generator) -> Tensor:
-        """Return the loss of static signed distances behind returns, on rays o, d (N, 3) at depth_m (N,): walls are
-        solid as actors are."""
-        if len(o) == 0:
-            return depth_m.new_zeros(())
+    def _wall_band(
+        self, o: Tensor, d: Tensor, depth_m: Tensor, static: Tensor, generator: torch.Generator | None
+    ) -> Tensor:
+        """Return the loss of static signed distances behind those returns (N,) that are ``static``, on rays o, d (N, 3)
+        at depth_m (N,): walls are solid as actors are."""
         behind = _behind(torch.full_like(depth_m, _WALL_M), generator)
         x = o + d * (depth_m + behind)[:, None]
-        return _hinge(
-            self.model.static.signed_distance(x), behind, self.model.frame.inside(x) & self.model.ground.above(x)
-        )
+        there = self.model.frame.inside(x) & self.model.ground.above(x)
+        return masked_mean(_hinge(self.model.static.signed_distance(x), behind) * there, static)
 
     def slopes(
-        self, tables: Tensor, swept: SegmentTrace, seen: SegmentTrace, near: Tensor, generator: torch.Generator
+        self,
+        tables: Tensor,
+        swept: SegmentTrace,
+        seen: SegmentTrace,
+        near: tuple[Tensor, Tensor],
+        generator: torch.Generator | None,
     ) -> dict[str, Tensor]:
         """``eikonal``: gradients of length 1; ``normal_smoothness``: normals that turn little.
 
         ``swept`` and ``seen`` are what LiDAR's and the cameras' rays hit, of which only places count; ``near`` (N, 3)
-        are points near returns.
+        are points, and (N,) which of them are near returns.
         """
-        centre = near[torch.randperm(len(near), generator=generator, device=near.device)[:512]]
-        gradients = [self._static_gradient(centre)]
+        pick, some = drawn(near[1], 512, generator)
+        parts = [(eikonal(self._static_gradient(near[0][pick])), some)]
         for segments, weights in (*seen.weighted(), *swept.weighted()):
             assert isinstance(segments, FieldSegments)
-            gradients.append(self._gradient(segments, weights, tables, generator))
-        return {"eikonal": eikonal(torch.cat(gradients)), "normal_smoothness": self._flatness(seen, generator)}
+            gradient, some = self._gradient(segments, weights, tables, generator)
+            parts.append((eikonal(gradient), some))
+        losses, there = torch.cat([loss for loss, _ in parts]), torch.cat([s.expand(len(loss)) for loss, s in parts])
+        return {"eikonal": masked_mean(losses, there), "normal_smoothness": self._flatness(seen, generator)}
 
-    def _passed(self, o: Tensor, d: Tensor, depth_m: Tensor, stop_m: Tensor, generator: torch.Generator) -> Tensor:
-        """In front of returns, on rays o, d (N, 3) at depth_m (N,), the distance is above zero: mean depth of
-        what lies below.
+    def _passed(
+        self,
+        o: Tensor,
+        d: Tensor,
+        depth_m: Tensor,
+        stop_m: Tensor,
+        static: Tensor,
+        generator: torch.Generator | None,
+    ) -> Tensor:
+        """In front of those returns (N,) that are ``static``, on rays o, d (N, 3) at depth_m (N,), the distance is above
+        zero: mean depth of what lies below.
 
         What a ray sees of a solid wall that is not there has no slope: nothing gets through it that could be a little
         more. Where a ray stops too early, at stop_m (N,), that is where to look: a sheet is missed by nearly all that
         are drawn evenly.
         """
-        if len(o) == 0:
-            return depth_m.new_zeros(())
         even, behind = torch.rand(2, len(o), generator=generator, device=o.device)
         back = _BAND_M + (_PASSED_M - _BAND_M) * even
         early = depth_m - stop_m
         back = torch.where(early > _BAND_M, (early - _SHEET_M * behind).clamp_min(_BAND_M), back)
         t = depth_m - back
-        x = (o + d * t[:, None])[t > _SENSOR_M]
-        return F.relu(_FREE_M - self.model.static.signed_distance(x)).sum() / len(o)
+        below = F.relu(_FREE_M - self.model.static.signed_distance(o + d * t[:, None]))
+        return masked_mean(below * (t > _SENSOR_M), static)
 
-    def _flatness(self, seen: SegmentTrace, generator: torch.Generator) -> Tensor:
+    def _flatness(self, seen: SegmentTrace, generator: torch.Generator | None) -> Tensor:
         """How much the normals of what images alone show turn within _FLAT_M along the surface: mean length
         of the difference.
 
@@ -166,47 +183,44 @@ class ShapeLosses:
         if seen.static is None:
             return seen.feature.new_zeros(())
         segments, weights = seen.static
-        x = segments.points.detach().reshape(-1, 3)[self._likely(weights, 512, generator)]
-        x = x[~self.occupancy.has_returns(x)]
-        if len(x) == 0:
-            return seen.feature.new_zeros(())
+        pick, some = self._likely(weights, 512, generator)
+        x = segments.points.detach().reshape(-1, 3)[pick]
+        alone, x = compact(self.padded, some & ~self.occupancy.has_returns(x), x)
         beside = torch.randn(x.shape, generator=generator, device=x.device)
         with torch.no_grad():
             normal = F.normalize(self._static_gradient(x), dim=-1)
             beside = F.normalize(beside - (beside * normal).sum(-1, keepdim=True) * normal, dim=-1)
             beside = x + _FLAT_M * torch.rand(len(x), 1, generator=generator, device=x.device) * beside
         both = self._static_gradient(torch.cat([x, beside])).view(2, -1, 3)
-        return normal_smoothness(both[0], both[1])
+        return masked_mean(normal_smoothness(both[0], both[1]), alone)
 
     def _static_gradient(self, x: Tensor) -> Tensor:
         return outward_gradient(self.model.static.signed_distance, x, _STEP_M)
 
-    def _likely(self, weights: SegmentWeights, count: int, generator: torch.Generator) -> Tensor:
-        """Numbers (count,) of random samples that carry weight; none (0,) where none does."""
-        likely = torch.nonzero(weights.samples.detach().flatten() > 0.02)[:, 0]
-        if len(likely) == 0:
-            return likely
-        return likely[torch.randint(len(likely), (count,), generator=generator, device=likely.device)]
+    def _likely(self, weights: SegmentWeights, count: int, generator: torch.Generator | None) -> tuple[Tensor, Tensor]:
+        """Numbers (count,) of random samples that carry weight; whether any does, () bool."""
+        return drawn(weights.samples.detach().flatten() > 0.02, count, generator)
 
     def _gradient(
-        self, segments: FieldSegments, weights: SegmentWeights, tables: Tensor, generator: torch.Generator
-    ) -> Tensor:
-        """Gradients (N, 3) of the distance at some samples that carry weight."""
-        pick = self._likely(weights, 384, generator)
+        self, segments: FieldSegments, weights: SegmentWeights, tables: Tensor, generator: torch.Generator | None
+    ) -> tuple[Tensor, Tensor]:
+        """Gradients (N, 3) of the distance at some samples that carry weight; whether any does, () bool."""
+        pick, some = self._likely(weights, 384, generator)
         x = segments.points.detach().reshape(-1, 3)[pick]
-        if len(pick) == 0:
-            return x
+        if not self.padded and not bool(some):
+            return x[:0], some
         if not isinstance(segments, ActorSegments):
-            return self._static_gradient(x)
+            return self._static_gradient(x), some
         row = pick // segments.t.shape[1]
         actor = segments.actor[row].repeat_interleave(CORNERS)
-        return outward_gradient(
+        gradient = outward_gradient(
             lambda y: self.model.actors.signed_distance(tables, y, actor), x, _STEP_M, segments.size_m[row]
         )
+        return gradient, some
 
-    def _ground_band(self, returns: Tensor, generator: torch.Generator) -> Tensor:
-        """Over and under returns from the ground (N, 3) the distance is the height; deeper, anywhere, it is
-        well below zero.
+    def _ground_band(self, returns: Tensor, there: Tensor, generator: torch.Generator | None) -> Tensor:
+        """Over and under returns (N, 3), of which those ``there`` (N,) are from the ground, the distance is the height;
+        deeper, anywhere, it is well below zero where there is such a return.
 
         A ray that grazes the road would else pass a hair's breadth below it, where a distance of 0 stops nothing.
         """
@@ -216,14 +230,14 @@ class ShapeLosses:
         height = torch.rand(len(returns), generator=generator, device=device) * 0.6 - 0.4
         height = torch.where(height > 0.1, torch.zeros_like(height), height)
         s = self.model.static.signed_distance(returns + F.pad(height[:, None], (2, 0)))
-        band = sdf_band_loss(s, height) + F.relu(s - 0.8 * height)[height < 0].sum() / len(returns)
+        band = masked_mean(sdf_band_loss(s, height) + F.relu(s - 0.8 * height) * (height < 0), there)
         cells = self.known_ground[torch.randint(len(self.known_ground), (256,), generator=generator, device=device)]
         place = (cells + torch.rand(256, 2, generator=generator, device=device)) * GROUND_CELL_M
         deep = 0.15 + 0.35 * torch.rand(256, generator=generator, device=device)
         x = self.model.ground.under(place) - F.pad(deep[:, None], (2, 0))
-        return band + F.relu(self.model.static.signed_distance(x) + 0.1).mean()
+        return band + there.any() * F.relu(self.model.static.signed_distance(x) + 0.1).mean()
 
-    def _offsets(self, count: int, generator: torch.Generator, reach_m: float) -> Tensor:
+    def _offsets(self, count: int, generator: torch.Generator | None, reach_m: float) -> Tensor:
         """Offsets (N,) before (+) and, a third as far, behind (-) a return, as dense on both sides: returns scatter,
         and more of them on one side would move the surface to the other. A third of them is exactly at it."""
         device = self.known_ground.device
@@ -232,13 +246,13 @@ class ShapeLosses:
         return torch.where(at, torch.zeros_like(offset), offset)
 
 
-def _behind(reach_m: Tensor, generator: torch.Generator) -> Tensor:
+def _behind(reach_m: Tensor, generator: torch.Generator | None) -> Tensor:
     """How far behind returns (N,) a solid that reaches so far is asked for: evenly, from where returns
     no longer scatter."""
     nearest = reach_m.clamp_max(_DEEP_M)
     return nearest + (reach_m - nearest) * torch.rand(len(reach_m), generator=generator, device=reach_m.device)
 
 
-def _hinge(s: Tensor, behind_m: Tensor, there: Tensor) -> Tensor:
-    """Mean of what distances s (N,) lack so far behind returns, (N,), of a solid; those not ``there`` lack nothing."""
-    return (wrong_side(s, -behind_m.clamp_max(_DEEP_M)) * there).sum() / len(s)
+def _hinge(s: Tensor, behind_m: Tensor) -> Tensor:
+    """What distances s (N,) lack so far behind returns, (N,), of a solid: (N,)."""
+    return wrong_side(s, -behind_m.clamp_max(_DEEP_M))

@@ -13,6 +13,7 @@ from torch.nn.utils.parametrizations import spectral_norm
 
 from ...errors import UnisimError
 from ...model.networks import read_tensors
+from ...ops.padding import masked_mean, masked_quantile
 from ...ops.ray_segments import RayBatch
 from ...ops.segment_trace import SegmentTrace
 from ..batches.data import PatchBatch
@@ -146,16 +147,13 @@ def lidar_terms(traced: SegmentTrace, batch: LidarBatch, inside: Tensor) -> tupl
     near = batch.returned & inside
     miss = expected_error(traced, batch.depth_m)
     with torch.no_grad():
-        limit = torch.quantile(miss[near], KEEP) if bool(near.any()) else miss.new_zeros(())
-        good = near & (miss <= limit)
-    depth = miss[good].sum() / good.sum().clamp_min(1)
-    # whatever returned a beam is there, also where the depth is among the worst
-    opacity = -torch.log(traced.volume_opacity[near].clamp_min(1e-4)).mean()
+        good = near & (miss <= masked_quantile(miss, near, KEEP))
     far = batch.returned & ~inside
-    reach = traced.feature.new_zeros(())
-    if bool(far.any()):
-        reach = F.smooth_l1_loss(traced.depth_m[far].clamp_min(1).log(), batch.depth_m[far].log(), beta=0.05)
-        opacity = opacity - torch.log(traced.opacity[far].clamp_min(1e-4)).mean() * far.sum() / near.sum().clamp_min(1)
+    logs = traced.depth_m.clamp_min(1).log(), batch.depth_m.clamp_min(1e-6).log()
+    reach = masked_mean(F.smooth_l1_loss(*logs, beta=0.05, reduction="none"), far)
+    # whatever returned a beam is there, also where the depth is among the worst
+    stopped = torch.where(near, traced.volume_opacity, traced.opacity).clamp_min(1e-4)
+    opacity = -torch.where(batch.returned, torch.log(stopped), 0.0).sum() / near.sum().clamp_min(1)
     free, surface_m = traced.feature.new_zeros(()), SURFACE_M + SURFACE_SHARE * batch.depth_m
     for segments, weights in traced.weighted():
         gap, surface = segments.stops() - batch.depth_m[segments.ray, None], surface_m[segments.ray, None]
@@ -164,7 +162,12 @@ def lidar_terms(traced: SegmentTrace, batch: LidarBatch, inside: Tensor) -> tupl
         wrong = (gap < -surface) & batch.returned[segments.ray, None] | (gap > surface) & good[segments.ray, None]
         # the weight itself, not its square: a thousandth far behind moves a mean depth by metres
         free = free + (weights.intervals * wrong).sum()
-    return {"depth": depth, "reach": reach, "opacity": opacity, "free": free / batch.returned.sum().clamp_min(1)}, good
+    return {
+        "depth": masked_mean(miss, good),
+        "reach": reach,
+        "opacity": opacity,
+        "free": free / batch.returned.sum().clamp_min(1),
+    }, good
 
 
 def expected_error(traced: SegmentTrace, depth_m: Tensor, worst_m: float = 10.0) -> Tensor:
@@ -178,12 +181,13 @@ def expected_error(traced: SegmentTrace, depth_m: Tensor, worst_m: float = 10.0)
 
 
 def sdf_band_loss(s: Tensor, offset_m: Tensor) -> Tensor:
-    """Signed distances s (N,) at points ``offset_m`` (N,) before (+) or behind (-) a LiDAR return along its ray.
+    """Return the losses (N,) of signed distances s (N,) at points ``offset_m`` (N,) before (+) or behind (-) a LiDAR
+    return along its ray.
 
     At the return the distance is 0; before it, it is positive and at most the offset; behind, negative and at least it.
     """
     too_far = F.relu(torch.sign(offset_m) * s - offset_m.abs())
-    return torch.where(offset_m == 0, s.abs(), wrong_side(s, offset_m) + too_far).mean()
+    return torch.where(offset_m == 0, s.abs(), wrong_side(s, offset_m) + too_far)
 
 
 def wrong_side(s: Tensor, offset_m: Tensor) -> Tensor:
@@ -193,17 +197,17 @@ def wrong_side(s: Tensor, offset_m: Tensor) -> Tensor:
 
 
 def eikonal(differences: Tensor) -> Tensor:
-    """(|gradient| - 1)^2 of gradients (N, 3)."""
-    return ((differences.norm(dim=-1) - 1) ** 2).mean()
+    """(|gradient| - 1)^2 (N,) of gradients (N, 3)."""
+    return (differences.norm(dim=-1) - 1) ** 2
 
 
 def normal_smoothness(a: Tensor, b: Tensor) -> Tensor:
-    """How much directions turn from gradients a (N, 3) to b (N, 3): mean length of the difference of
+    """How much directions turn from gradients a (N, 3) to b (N, 3): lengths (N,) of the differences of
     their unit vectors.
 
     The length, not its square: edges turn a lot, and are meant to.
     """
-    return (F.normalize(a, dim=-1) - F.normalize(b, dim=-1)).norm(dim=-1).mean()
+    return (F.normalize(a, dim=-1) - F.normalize(b, dim=-1)).norm(dim=-1)
 
 
 def distortion(traced: SegmentTrace) -> Tensor:
@@ -215,7 +219,8 @@ def distortion(traced: SegmentTrace) -> Tensor:
     w = weights.intervals
     place = torch.log(segments.stops().detach().clamp_min(0.1))
     total, first = w.cumsum(-1) - w, (w * place).cumsum(-1) - w * place
-    return 2 * (w * (place * total - first)).sum(-1).mean()
+    spread = 2 * (w * (place * total - first)).sum(-1)
+    return spread.mean() if segments.there is None else masked_mean(spread, segments.there)
 
 
 SHIFT_M = 2.0
@@ -286,7 +291,7 @@ class Adversary:
         self.optimiser.load_state_dict({"state": steps, "param_groups": groups})
 
 
-def shifted_patches(patch: PatchBatch, generator: torch.Generator, reach_m: float = SHIFT_M) -> PatchBatch:
+def shifted_patches(patch: PatchBatch, generator: torch.Generator | None, reach_m: float = SHIFT_M) -> PatchBatch:
     """The same patches seen from origins moved sideways, each patch by its own random distance up to ``reach_m``."""
     patches = len(patch.camera)
     device = patch.rays.origins.device

@@ -16,6 +16,7 @@ from ...model.occupancy import OccupancyTrainer
 from ...model.scene import SceneModel
 from ...ops.constants import GROUND_CELL_M
 from ...ops.field_values import signed_distances
+from ...ops.padding import masked_mean, selected
 
 REACH_M = 2.0
 """How high above the ground things are continued downwards: a van's height."""
@@ -49,6 +50,7 @@ class UnobservedPrior:
         returns: Tensor,
     ) -> None:
         self.model, self.occupancy, self.known_ground, self.still_boxes = model, occupancy, known_ground, still_boxes
+        self.tables_alone = _with_tables_alone(model)
         returns = returns.to(known_ground.device)
         height = (returns - model.ground.under(returns))[:, 2]
         self.standing = returns[model.ground.above(returns)]
@@ -65,9 +67,9 @@ class UnobservedPrior:
         out[self.model.occupancy.cells(x) // shape[2]] = True
         return out.view(shape[0], shape[1])
 
-    def loss(self, generator: torch.Generator) -> Tensor:
+    def loss(self, generator: torch.Generator | None) -> Tensor:
         """Mean disagreement of unobserved places with their surroundings."""
-        total, model = self.model.ground.heights.new_zeros(()), _with_tables_alone(self.model)
+        total, model = self.model.ground.heights.new_zeros(()), self.tables_alone
         if len(self.known_ground):
             total = total + self._aloft(model, generator) + self._on_ground(model, generator)
         if len(self.standing):
@@ -76,14 +78,14 @@ class UnobservedPrior:
             total = total + self._under_boxes(model, *self.still_boxes, generator)
         return total
 
-    def _known_places(self, generator: torch.Generator) -> Tensor:
+    def _known_places(self, generator: torch.Generator | None) -> Tensor:
         """Points (N, 3) of known ground."""
         device = self.known_ground.device
         cells = self.known_ground[torch.randint(len(self.known_ground), (_DRAWS,), generator=generator, device=device)]
         place = (cells + torch.rand(_DRAWS, 2, generator=generator, device=device)) * GROUND_CELL_M
         return self.model.ground.under(place)
 
-    def _aloft(self, model: SceneModel, generator: torch.Generator) -> Tensor:
+    def _aloft(self, model: SceneModel, generator: torch.Generator | None) -> Tensor:
         """Return the loss that continues geometry above unobserved places downwards, and that requires free space close
         over clear ground."""
         device = self.known_ground.device
@@ -94,37 +96,33 @@ class UnobservedPrior:
         x = x + F.pad(height[:, None], (2, 0))
         column = model.occupancy.cells(x) // model.occupancy.values.shape[2]
         clear = low & self.clear[column] & ~self.occupancy.in_view(x)
-        pick = torch.nonzero(clear | (~low & self.occupancy.unobserved(x)))[: 2 * _POINTS, 0]
-        if len(pick) == 0:
-            return x.new_zeros(())
+        pick, there = selected(clear | (~low & self.occupancy.unobserved(x)), 2 * _POINTS)
         x, height, clear = x[pick], height[pick], clear[pick]
         s = model.static.signed_distance(x)
         with torch.no_grad():
             above = x + F.pad(0.1 + 0.5 * torch.rand(len(x), 1, generator=generator, device=device), (2, 0))
             expected = torch.where(clear, height, torch.minimum(model.static.signed_distance(above), height))
-        return F.smooth_l1_loss(s.clamp(-_BAND_M, _BAND_M), expected.clamp(-_BAND_M, _BAND_M), beta=0.05)
+        bands = s.clamp(-_BAND_M, _BAND_M), expected.clamp(-_BAND_M, _BAND_M)
+        return masked_mean(F.smooth_l1_loss(*bands, beta=0.05, reduction="none"), there)
 
-    def _on_ground(self, model: SceneModel, generator: torch.Generator) -> Tensor:
+    def _on_ground(self, model: SceneModel, generator: torch.Generator | None) -> Tensor:
         """Ground that no image shows looks like ground along the street."""
         device = self.known_ground.device
         x = self._known_places(generator)
-        x = x[~self.occupancy.in_view(x)][:_POINTS]
-        if len(x) == 0:
-            return x.new_zeros(())
+        pick, there = selected(~self.occupancy.in_view(x), _POINTS)
+        x = x[pick]
         values, appearance = model.static(x)
-        reach = torch.tensor([_ALONG_M, _ACROSS_M], device=device)
-        beside = model.ground.under(
-            x[:, :2] + reach * (2 * torch.rand(len(x), 2, generator=generator, device=device) - 1)
-        )
-        return signed_distances(values).abs().mean() + self._alike(model, appearance, beside, generator)
+        way = 2 * torch.rand(len(x), 2, generator=generator, device=device) - 1
+        way = torch.stack([_ALONG_M * way[:, 0], _ACROSS_M * way[:, 1]], -1)
+        alike = self._alike(model, appearance, model.ground.under(x[:, :2] + way), there, generator)
+        return masked_mean(signed_distances(values).abs(), there) + alike
 
-    def _appearance_of_returns(self, model: SceneModel, generator: torch.Generator) -> Tensor:
+    def _appearance_of_returns(self, model: SceneModel, generator: torch.Generator | None) -> Tensor:
         """Returns above the ground that no image shows get the appearance of returns near by that one shows."""
         standing, device = self.standing, self.standing.device
         x = standing[torch.randint(len(standing), (_DRAWS,), generator=generator, device=device)]
-        x = x[~self.occupancy.in_view(x)][:_POINTS]
-        if len(x) == 0:
-            return x.new_zeros(())
+        pick, there = selected(~self.occupancy.in_view(x), _POINTS)
+        x = x[pick]
         first = torch.searchsorted(self.along, x[:, 0] - _NEAR_M)
         count = torch.searchsorted(self.along, x[:, 0] + _NEAR_M) - first
         draw = torch.rand(len(x), _CANDIDATES, generator=generator, device=device)
@@ -132,22 +130,23 @@ class UnobservedPrior:
         away = (other - x[:, None]).norm(dim=-1)
         away = torch.where(self.occupancy.in_view(other.view(-1, 3)).view(away.shape), away, torch.inf)
         nearest, which = away.min(1)
-        x, other = x[nearest < _NEAR_M], other[torch.arange(len(x), device=device), which][nearest < _NEAR_M]
-        if len(x) == 0:
-            return x.new_zeros(())
-        return self._alike(model, model.static(x)[1], other, generator)
+        other, there = other[torch.arange(len(x), device=device), which], there & (nearest < _NEAR_M)
+        return self._alike(model, model.static(x)[1], other, there, generator)
 
-    def _alike(self, model: SceneModel, appearance: Tensor, at: Tensor, generator: torch.Generator) -> Tensor:
-        """Mean difference of features (N, F) from those at points (N, 3), over the points that some image shows.
+    def _alike(
+        self, model: SceneModel, appearance: Tensor, at: Tensor, there: Tensor, generator: torch.Generator | None
+    ) -> Tensor:
+        """Mean difference of features (N, F) from those at points (N, 3), over those ``there`` (N,) that some image shows.
 
         Unobserved points are left out: if they copied each other, their appearance would drift.
         """
         with torch.no_grad():
             _, wanted = model.static(at)
-        seen = self.occupancy.in_view(at)
-        return (self._unlike(model, appearance, wanted, generator) * seen).sum() / seen.sum().clamp_min(1)
+        return masked_mean(self._unlike(model, appearance, wanted, generator), there & self.occupancy.in_view(at))
 
-    def _unlike(self, model: SceneModel, appearance: Tensor, wanted: Tensor, generator: torch.Generator) -> Tensor:
+    def _unlike(
+        self, model: SceneModel, appearance: Tensor, wanted: Tensor, generator: torch.Generator | None
+    ) -> Tensor:
         """Differences (N,) of features (N, F): of their colours from random directions, and of the features
         themselves, for LiDAR.
 
@@ -164,7 +163,9 @@ class UnobservedPrior:
         a, b = colour.mean((2, 3)).view(2, -1, 3)
         return (a - b.detach()).abs().mean(-1) + 0.02 * F.smooth_l1_loss(appearance, wanted, reduction="none").mean(-1)
 
-    def _under_boxes(self, model: SceneModel, poses: Tensor, sizes: Tensor, generator: torch.Generator) -> Tensor:
+    def _under_boxes(
+        self, model: SceneModel, poses: Tensor, sizes: Tensor, generator: torch.Generator | None
+    ) -> Tensor:
         """Under a box that never moves nobody saw the ground: nothing above it, and the appearance of
         its surroundings."""
         device, n = poses.device, _POINTS
@@ -187,7 +188,9 @@ class UnobservedPrior:
         beyond = place(torch.stack([unit[:, 0] * sizes[which][:, 0], side, unit[:, 2] * 0], -1))
         beyond = model.ground.under(beyond)
         values, appearance = model.static(on_ground)
-        return height + signed_distances(values).abs().mean() + self._alike(model, appearance, beyond, generator)
+        everywhere = torch.ones(n, dtype=torch.bool, device=device)
+        alike = self._alike(model, appearance, beyond, everywhere, generator)
+        return height + signed_distances(values).abs().mean() + alike
 
     @torch.no_grad()
     def continued(self) -> Tensor:

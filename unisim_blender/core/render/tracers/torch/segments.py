@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
@@ -16,6 +17,7 @@ from ....model.scene import SceneModel
 from ....ops.constants import COVERED_TRANSMITTANCE
 from ....ops.density import logistic_intervals, unisim_intervals, volume_density, volume_intervals
 from ....ops.field_values import FieldValues, LogDensities
+from ....ops.padding import Padding
 from ....ops.propose import RaySpans, propose
 from ....ops.quantiles import refine_by_density, refine_quantiles, stratified
 from ....ops.ray_segments import ActorSegments, CopiedBoxSegments, MeshSegments, RayBatch, StaticSegments
@@ -49,7 +51,7 @@ def refined(scene: SceneModel, values: FieldValues, u: Tensor, t: Tensor, length
     K)."""
     if isinstance(values, LogDensities):
         return refine_by_density(u, volume_density(values.logs) * lengths(), jitter)
-    return refine_quantiles(u, t, values.metres, float(scene.beta()), jitter.shape[1], jitter)
+    return refine_quantiles(u, t, values.metres, scene.beta(), jitter.shape[1], jitter)
 
 
 @torch.no_grad()
@@ -63,6 +65,11 @@ def occupied_lengths(scene: SceneModel, o: Tensor, d: Tensor, t: Tensor) -> Tens
     occupied = scene.occupancy.values.view(-1)[scene.occupancy.cells(x.reshape(-1, 3))] > 0
     # a sample that was placed behind free space stands in a voxel that is occupied
     return torch.maximum(gap * occupied.view(x.shape[:3]).to(gap.dtype).mean(-1), gap.clamp_max(least))
+
+
+def only(there: Tensor | None, values: Tensor) -> Tensor:
+    """Return values (N, K) of the rows that are ``there`` (N,), and 0 in the others; all where it is None."""
+    return values if there is None else torch.where(there[:, None], values, 0.0)
 
 
 def along(o: Tensor, d: Tensor, t: Tensor) -> Tensor:
@@ -85,6 +92,8 @@ class Sampling:
     mirror: Tensor | None = None
     """Probability (appearances,) that an appearance is mirrored, in training: on all rays that are traced together."""
     generator: torch.Generator | None = None
+    padding: Padding | None = None
+    """Lengths that ray segments are padded to; None for as many ray segments as there are."""
 
     def count(self, samples: int) -> int:
         """Return the number of samples in the volume for ``samples`` of the configuration."""
@@ -100,9 +109,14 @@ class StaticMask:
     boxes."""
 
     def __init__(
-        self, scene: SceneModel, active: ActiveActorTensors, rays: RayBatch, actors: Sequence[ActorSegments]
+        self,
+        scene: SceneModel,
+        active: ActiveActorTensors,
+        rays: RayBatch,
+        actors: Sequence[ActorSegments],
+        padded: bool = False,
     ) -> None:
-        self.scene, self.active, self.rays, self.actors = scene, active, rays, actors
+        self.scene, self.active, self.rays, self.actors, self.padded = scene, active, rays, actors, padded
 
     def apply(self, values: FieldValues, ray: Tensor, t: Tensor, points: Tensor) -> FieldValues:
         """Return values (P, K) at samples t (P, K), points (P, K, 3), of rays (P,), with masked ones set to empty
@@ -111,11 +125,16 @@ class StaticMask:
         Inside a present actor's box, and in a removed box, only the ground remains: distances are those to the ground,
         and densities above it are 0.
         """
-        rows, columns = torch.nonzero(self._inside(ray, t), as_tuple=True)
+        inside = self._inside(ray, t)
+        if self.padded:
+            height = points[..., 2] - self.scene.ground.height(points.reshape(-1, 3)).view(t.shape)
+            return values.cleared(torch.where(inside, height, -torch.inf))
+        rows, columns = torch.nonzero(inside, as_tuple=True)
         if len(rows) == 0:
             return values
         x = points[rows, columns]
-        return values.cleared(rows, columns, x[:, 2] - self.scene.ground.height(x))
+        height = x[:, 2] - self.scene.ground.height(x)
+        return values.cleared(torch.full_like(t, -torch.inf).index_put((rows, columns), height))
 
     @torch.no_grad()
     def _inside(self, ray: Tensor, t: Tensor) -> Tensor:
@@ -125,11 +144,11 @@ class StaticMask:
         row_of_ray = torch.full((len(self.rays),), -1, dtype=torch.long, device=t.device)
         row_of_ray[ray] = torch.arange(len(ray), device=t.device)
         for segments in self.actors:
-            row = row_of_ray[segments.ray]
-            known = row >= 0
-            row, near, far = row[known], segments.t_near[known], segments.t_far[known]
-            covered = (t[row] >= near[:, None]) & (t[row] <= far[:, None])
-            covers.index_put_((row,), covered.to(covers.dtype), accumulate=True)
+            if len(t) == 0:
+                break
+            row, near, far = row_of_ray[segments.ray][:, None], segments.t_near[:, None], segments.t_far[:, None]
+            at = row[:, 0].clamp_min(0)
+            covers.index_add_(0, at, ((row >= 0) & (t[at] >= near) & (t[at] <= far)).to(covers.dtype))
         inside = covers > 0
         if self.active.removals is not None:
             for pose, size in zip(*self.active.removals, strict=True):
@@ -150,12 +169,19 @@ def static_segments(scene: SceneModel, mask: StaticMask, rays: RayBatch, samplin
         t_near = torch.minimum(torch.maximum(t_near, rays.starts), t_far)
     n, samples = len(rays), scene.config.samples
     u = stratified(n, sampling.count(samples.static_proposals), sampling.jitter, o, sampling.generator)
+    longest_m = None if sampling.padding is None else float(np.linalg.norm(scene.volume.size_m))
     with torch.no_grad():
-        t, mass = propose(scene.occupancy.voxels, RaySpans(o, d, t_near, t_far), u)
-        ray = torch.nonzero((mass > 0) & (t_far > t_near))[:, 0]
-        # free space: rays that hit no occupied voxel take no sample
-        o, d, u, t = o[ray], d[ray], u[ray], t[ray]
-        spans = RaySpans(o, d, t_near[ray], t_far[ray])
+        t, mass = propose(scene.occupancy.voxels, RaySpans(o, d, t_near, t_far, longest_m), u)
+        occupied, there = (mass > 0) & (t_far > t_near), None
+        if sampling.padding is None:
+            # free space: rays that hit no occupied voxel take no sample
+            ray = torch.nonzero(occupied)[:, 0]
+            o, d, u, t = o[ray], d[ray], u[ray], t[ray]
+            spans = RaySpans(o, d, t_near[ray], t_far[ray])
+        else:
+            # a ray's place has no gradient here, padded or not
+            o, d = o.detach(), d.detach()
+            ray, there, spans = torch.arange(n, device=o.device), occupied, RaySpans(o, d, t_near, t_far, longest_m)
         points = along(o, d, t)
         values = mask.apply(scene.static.values(points.reshape(-1, 3)).view(t.shape), ray, t, points)
         jitter = stratified(len(ray), sampling.count(samples.static), sampling.jitter, o, sampling.generator)
@@ -168,9 +194,10 @@ def static_segments(scene: SceneModel, mask: StaticMask, rays: RayBatch, samplin
     tau, stop_fraction = intervals(
         scene, values, t, lambda: occupied_lengths(scene, o, d, t), scene.config.unisim_step_m
     )  # fmt: skip
+    tau, stop_fraction = only(there, tau), only(there, stop_fraction)
     return StaticSegments(
         ray=ray, t=t, features=feature.view(*t.shape, scene.config.features), tau=tau, stop_fraction=stop_fraction,
-        values=values, points=points, density=scene.config.density, beta=float(scene.beta().detach()),
+        values=values, points=points, density=scene.config.density, beta=scene.beta().detach(), there=there,
     )  # fmt: skip
 
 
@@ -181,7 +208,9 @@ def actor_segments(
     ``first`` of all; None where no ray hits one. ``among`` are the numbers of the actors to test."""
     if not actor_set.uids or (among is not None and len(among) == 0):
         return None
-    hits = actor_set.tracklets.hits(rays.origins, rays.directions, rays.time_s, NEAR_M, among, actor_set.keys)
+    hits = actor_set.tracklets.hits(
+        rays.origins, rays.directions, rays.time_s, NEAR_M, among, actor_set.keys, sampling.padding
+    )
     if len(hits.ray) == 0:
         return None
     scene, samples = actor_set.scene, actor_set.scene.config.samples
@@ -221,6 +250,7 @@ def actor_segments(
         scene, values, field_m(t), lambda: field_m(torch.diff(t, dim=1, prepend=hits.t_near[:, None])),
         scene.config.unisim_step_m / ACTOR_STEPS_PER_STATIC_STEP,
     )  # fmt: skip
+    tau, stop_fraction = only(hits.there, tau), only(hits.there, stop_fraction)
     if sampling.sky and scene.light is not None:
         middle = rays.origins[hits.ray] + t.gather(1, _median(tau)) * rays.directions[hits.ray]
         place = scene.frame.points(middle) if number == 0 else scene.light.home[row]
@@ -233,7 +263,7 @@ def actor_segments(
     feature = scene.directed(feature, directions.repeat_interleave(t.shape[1], 0))
     return ActorSegments(
         ray=hits.ray, t=t, features=feature.view(*t.shape, scene.config.features), tau=tau, stop_fraction=stop_fraction,
-        values=values, points=points, density=scene.config.density, beta=float(scene.beta().detach()), actor_set=number,
+        values=values, points=points, density=scene.config.density, beta=scene.beta().detach(), actor_set=number,
         actor=hits.actor + first, t_near=hits.t_near, t_far=hits.t_far, world_from_box=hits.world_from_box, size_m=size,
     )  # fmt: skip
 
@@ -278,7 +308,7 @@ def copied_segments(
     )  # fmt: skip
     return CopiedBoxSegments(
         ray=hits.ray, t=t, features=feature.view(*t.shape, scene.config.features), tau=tau, stop_fraction=stop_fraction,
-        values=values, points=points, density=scene.config.density, beta=float(scene.beta().detach()),
+        values=values, points=points, density=scene.config.density, beta=scene.beta().detach(),
         copy_from_source=hits.world_from_box @ pose[:, :3, :3].mT,
     )  # fmt: skip
 

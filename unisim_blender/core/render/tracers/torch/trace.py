@@ -23,7 +23,7 @@ from ....ops.segment_trace import BackgroundTrace, SegmentTrace
 from ....ops.transmittances import weights_from_tau
 from ...tracer import NEAR_M
 from .actor_tensors import ActiveActorTensors
-from .segments import Sampling, StaticMask, actor_segments, along, copied_segments, mesh_segments, static_segments
+from .segments import Sampling, StaticMask, actor_segments, along, copied_segments, mesh_segments, only, static_segments
 
 
 class BackgroundSamples(NamedTuple):
@@ -73,7 +73,11 @@ class Background:
 def background_along(scene: SceneModel, rays: RayBatch, sampling: Sampling, reach: Tensor) -> Background | None:
     """Return the background behind the volume, along the rays whose transmittance ``reach`` (N,) is not negligible;
     None where there is none."""
-    ray = torch.nonzero(reach.detach() > OPAQUE_TRANSMITTANCE)[:, 0]
+    through, there = reach.detach() > OPAQUE_TRANSMITTANCE, None
+    if sampling.padding is None:
+        ray = torch.nonzero(through)[:, 0]
+    else:
+        ray, there = torch.arange(len(reach), device=reach.device), through
     if len(ray) == 0:
         return None
     o, d = scene.frame.points(rays.origins[ray]), scene.frame.vectors(rays.directions[ray])
@@ -82,14 +86,15 @@ def background_along(scene: SceneModel, rays: RayBatch, sampling: Sampling, reac
     u, width = _places(scene, o, d, t0, sampling)
     t = _disparity(u, t0, scene.config.far_m)
     density, feature = scene.background(along(o, d, t).reshape(-1, 3))
-    tau = density.view(u.shape) * width
+    tau = only(there, density.view(u.shape) * width)
     before, after = weights_from_tau(tau)
     weight = before * -torch.expm1(-tau)
     directions = rays.directions[ray]
     feature = scene.directed(feature, directions.repeat_interleave(u.shape[1], 0)).view(*u.shape, -1)
     feature = (weight[..., None] * feature).sum(1)
     if sampling.sky:
-        feature = feature + after[:, None] * scene.directed(scene.background.sky(d), directions)
+        sky = scene.directed(scene.background.sky(d), directions)
+        feature = feature + only(there, after[:, None]) * sky
     return Background(ray, t, tau, weight, before, after, feature)
 
 
@@ -140,14 +145,17 @@ def trace(
         first += len(actor_set.uids)
         if segments is not None:
             actors.append(segments)
-    static = static_segments(scene, StaticMask(scene, active, rays, actors), rays, sampling)
+    static = static_segments(
+        scene, StaticMask(scene, active, rays, actors, sampling.padding is not None), rays, sampling
+    )
     ray_segments: list[RaySegments] = [*([static] if len(static) else []), *actors]
     copies = copied_segments(scene, active, rays, sampling)
     if copies is not None:
         ray_segments.append(copies)
     if mesh_hits is not None and len(mesh_hits.ray):
         ray_segments.append(mesh_segments(mesh_hits, rays.origins, first))
-    traced = composite(len(rays), ray_segments, [each.scene.config.features for each in active.sets], rays.origins)
+    traced = composite(len(rays), ray_segments, [each.scene.config.features for each in active.sets], rays.origins,
+                       sampling.padding is not None)  # fmt: skip
     seen, reach, alone = (
         BackgroundSamples(traced.feature, traced.depth_m, traced.opacity, traced.transmittance_after),
         None,
