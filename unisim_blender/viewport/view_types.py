@@ -19,7 +19,7 @@ from ..bridge.objects.ego_bodies import bodies_differ, show_bodies, shown_as
 from ..bridge.objects.imported import source_of
 from ..bridge.objects.sensors import drawn_tiny, frustums_differ, resize_frustums
 from ..bridge.sampling.stepping import frame_of
-from ..bridge.window import redraw
+from ..bridge.window import redraw, run_soon
 from ..core.errors import UnisimError
 from ..registering import Drawing
 
@@ -125,8 +125,7 @@ def cameras_looked_through(scene: bpy.types.Scene) -> list[bpy.types.Object | No
 
 def follow_soon(*_: object) -> None:
     """Have all views follow as soon as nothing is drawn."""
-    if not bpy.app.background and not bpy.app.timers.is_registered(_follow):
-        bpy.app.timers.register(_follow, first_interval=0.0)
+    run_soon(_follow)
 
 
 def _follow() -> None:

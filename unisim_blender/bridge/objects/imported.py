@@ -42,14 +42,10 @@ def imported_objects(scene: bpy.types.Scene, *kinds: str) -> Iterator[bpy.types.
 def rides_on_ego(obj: bpy.types.Object) -> bool:
     """Return whether an object is the ego vehicle or rides on it: by its parents, or by a constraint to
     what rides there."""
-    above: bpy.types.Object | None = obj
-    while above is not None:
-        if above.unisim.kind == "EGO":
-            return True
+    for above in with_parents(obj):
         targets = [getattr(constraint, "target", None) for constraint in above.constraints if not constraint.mute]
-        if any(_parented_to_ego(target) for target in targets if target is not None):
+        if above.unisim.kind == "EGO" or any(ego_above(target) for target in targets if target is not None):
             return True
-        above = above.parent
     return False
 
 
@@ -62,11 +58,16 @@ def sees_body(obj: bpy.types.Object) -> bool:
     return setting == "ALWAYS" if setting != "AUTO" else not rides_on_ego(obj)
 
 
-def _parented_to_ego(obj: bpy.types.Object) -> bool:
-    above: bpy.types.Object | None = obj
-    while above is not None and above.unisim.kind != "EGO":
-        above = above.parent
-    return above is not None
+def with_parents(obj: bpy.types.Object) -> Iterator[bpy.types.Object]:
+    """Yield an object, its parent, the parent's parent, and so on."""
+    while obj is not None:
+        yield obj
+        obj = obj.parent
+
+
+def ego_above(obj: bpy.types.Object) -> bpy.types.Object | None:
+    """Return the ego vehicle that an object is, or is parented to; None where there is none."""
+    return next((above for above in with_parents(obj) if above.unisim.kind == "EGO"), None)
 
 
 def has_drive(scene: bpy.types.Scene) -> bool:
@@ -140,10 +141,15 @@ def originals(scene: bpy.types.Scene, kind: str) -> dict[str, bpy.types.Object]:
 
 
 def title_of(obj: bpy.types.Object) -> str:
-    """Return what a scenario calls an object that has no id of the log's. In a variant that is its name in the variant
-    that it was copied from, as long as it keeps the name that it got with the copy."""
+    """Return what a scenario calls an object that has no id of the log's: what `entitle` said, as long as the object keeps
+    the name that it had then, else its name."""
     about = obj.unisim
     return about.called if about.called and about.called_as == obj.name else obj.name
+
+
+def entitle(obj: bpy.types.Object, title: str) -> None:
+    """Let a scenario call an object ``title``, also where its name was taken in the file and Blender gave it another."""
+    obj.unisim.called, obj.unisim.called_as = title, obj.name
 
 
 def look_scene_of(obj: bpy.types.Object) -> str:

@@ -123,13 +123,14 @@ def read_steps(scene: bpy.types.Scene) -> Iterator[None]:
     live = any(window.scene == scene for window in bpy.context.window_manager.windows)
     sampler = Sampler(scene, clock, shown_names(scene.view_layers[0].layer_collection), live)
     known: dict[GroupKey, tuple[object, tuple[EditLine, ...]]] = {}
+    marked = tuple((item.name, item.model) for item in scene.unisim.static_items)
     lines: list[EditLine] = []
     for key, group in _groups(scene, source.drive).items():
         signature = (
             tuple(sampler.signature(obj) for obj in group),
             clock.frames.tobytes(),
             str(source.scene_path),
-            _marked(scene, key),
+            marked if key[0] == "STATIC" else (),
         )
         before = reading.known.get(key)
         free = [obj for obj in group if not moved_by_keys(obj)]
@@ -171,10 +172,6 @@ def _groups(scene: bpy.types.Scene, drive: Drive) -> dict[GroupKey, list[bpy.typ
     if len(scene.unisim.static_items):
         groups.setdefault(("STATIC", ""), [])
     return groups
-
-
-def _marked(scene: bpy.types.Scene, key: GroupKey) -> object:
-    return tuple((item.name, item.model) for item in scene.unisim.static_items) if key[0] == "STATIC" else ()
 
 
 def _sampled(

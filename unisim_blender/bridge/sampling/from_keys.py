@@ -19,7 +19,7 @@ from ...editing.motion.keys import SAME
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled, SampledObject, Scaling, rigid, scaling_of
 from ..objects.animation import curves_of, keyed_values
-from ..objects.imported import KINDS_OF_DRIVE, imported_objects, skipped_sensors, title_of
+from ..objects.imported import KINDS_OF_DRIVE, imported_objects, skipped_sensors, title_of, with_parents
 from ..objects.trajectories import local_poses, trajectory_of
 from .adjacent_frames import evaluate_beside, moved_by_keys
 from .stepping import completed, depsgraph_of, described, image_size, refuse_stretching, shown_names, static_items
@@ -108,7 +108,7 @@ class Sampler:
                 tuple(self._pending(obj).ravel().round(6).tolist()),
                 obj.name in self.shown,
                 moved_by_keys(obj),
-                _lens(obj),
+                tuple(getattr(obj.data, name) for name in LENS_PROPERTIES if obj.type == "CAMERA"),
             )
             self._signatures[obj.name] = own if obj.parent is None else (*own, hash(self.signature(obj.parent)))
         return self._signatures[obj.name]
@@ -178,10 +178,6 @@ def _curve_state(curve: bpy.types.FCurve) -> tuple[object, ...]:
     return (*state, hash((*parts, interpolations.tobytes())))
 
 
-def _lens(obj: bpy.types.Object) -> tuple[object, ...]:
-    return tuple(getattr(obj.data, name) for name in LENS_PROPERTIES) if obj.type == "CAMERA" else ()
-
-
 def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[StepsDone, None, Sampled]:
     """Return, after some steps, the scene's objects at all of the clock's frames.
 
@@ -213,8 +209,7 @@ def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[StepsDone, N
 def by_keys_alone(obj: bpy.types.Object) -> bool:
     """Return whether `Sampler` finds an object where Blender evaluates it: no deltas of the scale, no muted curves, and
     no parent whose path moves what is parented to it."""
-    above: bpy.types.Object | None = obj
-    while above is not None:
+    for above in with_parents(obj):
         muted = any(curve.mute or (curve.group is not None and curve.group.mute) for curve in curves_of(above))
         deltas = any(curve.data_path.startswith("delta_") for curve in curves_of(above))
         if (
@@ -224,5 +219,4 @@ def by_keys_alone(obj: bpy.types.Object) -> bool:
             or (above is not obj and above.type == "CURVE")
         ):
             return False
-        above = above.parent
     return moved_by_keys(obj)

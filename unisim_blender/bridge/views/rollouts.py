@@ -20,7 +20,7 @@ from ...editing.simulation.rollouts import RolloutEvent, RolloutTimes, read_roll
 from ...editing.simulation.stated import vehicle_parameters
 from ..objects.imported import imported_objects, originals
 from ..objects.settings import rollout_folder
-from ..window import areas
+from ..window import redraw, run_soon
 
 POLL_S = 0.1
 
@@ -47,8 +47,7 @@ def rollout_of(scene: bpy.types.Scene) -> RolloutTimes | None:
         thread = threading.Thread(target=_load, args=(folder,), daemon=True)
         _readers.append(thread)
         thread.start()
-        if not bpy.app.timers.is_registered(_look):
-            bpy.app.timers.register(_look, first_interval=POLL_S)
+        run_soon(_look, POLL_S)
     return _read[folder]
 
 
@@ -69,8 +68,7 @@ def _look() -> float | None:
     if any(thread.is_alive() for thread in _readers):
         return POLL_S
     _readers.clear()
-    for area in areas("VIEW_3D"):
-        area.tag_redraw()
+    redraw("VIEW_3D")
     return None
 
 

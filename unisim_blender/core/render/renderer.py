@@ -14,7 +14,7 @@ Numpy alone: whatever a backend computes with, the renderer is given it. A rende
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, overload
 
@@ -97,12 +97,7 @@ class Renderer:
 
     @overload
     def render(
-        self,
-        state: WorldState,
-        sensor: Camera,
-        time_s: float,
-        passes: Sequence[str] = ...,
-        region: Region | None = ...,
+        self, state: WorldState, sensor: Camera, time_s: float, passes: Sequence[str] = ..., region: Region | None = ...
     ) -> CameraFrame: ...
 
     @overload
@@ -264,7 +259,14 @@ class Renderer:
             return image[0], maps
 
         sparse = SparseImage(shape)
-        for stride, done in progressive_strides(sparse, size, tracer.quality.spread, trace, coarse, band):
+        steps: Iterable[tuple[int, slice]]
+        along_all = self._on_device(exposure, (rows, columns), size, sparse) if not in_view else None
+        if sparse.values:
+            tops = range(0, shape[0], band or shape[0])
+            steps = [(1, slice(top, min(top + tops.step, shape[0]))) for top in tops]
+        else:
+            steps = progressive_strides(sparse, size, tracer.quality.spread, trace, coarse, band)
+        for stride, done in steps:
             values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in sparse.values.items() if name != NEAR_BOXES}
             if stride > 1:
                 few = {name: values[name][::stride, ::stride] for name in ("rgb", "unsupported") if name in values}
@@ -282,10 +284,25 @@ class Renderer:
             maps = {name: x[inner].reshape(-1, *x.shape[2:]) for name, x in values.items()}
             across, down = u[:, inner[1]], v[inner[0]]
             rays = camera_rays(camera, time_s, *np.broadcast_arrays(across, down)) if exposure.shadowing else None
-            along = along_axis(camera, time_s, across, down) if "depth" in maps else None
+            along: FloatArray | Array | None = None
+            if "depth" in maps:
+                along = along_axis(camera, time_s, across, down) if along_all is None else along_all[inner]
             del maps["rgb"]
             frame = self._frame(exposure, values["rgb"][inner], maps, rays, along, (slice(None), slice(None)))
             yield Tile(_blanked(frame, part), part)
+
+    def _on_device(
+        self, exposure: _Exposure, cells: tuple[slice, slice], size: int, sparse: SparseImage
+    ) -> Array | None:
+        """Set all values of an image where the tracer's device can finish it, and return the component (h, w) of its rays
+        along the optical axis, None where depths are not wanted."""
+        lattice_image = getattr(exposure.tracer, "lattice_image", None)  # GPUs have it
+        if lattice_image is None or exposure.displaced:
+            return None
+        values = lattice_image(exposure.camera, exposure.time_s, cells, size, exposure.needed, exposure.stats)
+        along = None if values is None else values.pop("along", None)
+        sparse.values = values or {}
+        return None if along is None else along.reshape(sparse.shape)
 
     def _seen(
         self, exposure: _Exposure, cells: tuple[FloatArray, FloatArray], rays: Rays, up: int
@@ -350,7 +367,7 @@ class Renderer:
         image: NDArray[np.float32],
         maps: Maps,
         rays: Rays | None,
-        along: FloatArray | None,
+        along: FloatArray | Array | None,
         inner: tuple[slice, slice],
     ) -> CameraFrame:
         """Return the frame of an image and its maps, cropped to ``inner``. ``rays`` are for contact shadows, ``along``

@@ -5,24 +5,26 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.actor_images.best_views import png
+from ...core.actor_images.best_views import best_views, png
 from ...core.files import cache_folder, write_file
-from ...core.geometry import FloatArray, box_corners, invert_pose, transform_points
+from ...core.geometry import box_corners, invert_pose, transform_points
 from ...core.model.scene_file import HEADER_NAME
-from ...core.world.drive import Actor, CameraModel, Drive
+from ...core.world.drive import Actor, CameraModel
 from ..reading.requests import CameraRequest, camera_request
 from ..sampled.clock import Clock, recorded_poses, recorded_there
 from ..sampled.scene import Sampled, SampledObject, optical
 from ..sampled.source import DriveSource
 
 SIZE_PX = 192
+MOST_TRIED = 20
+"""Number of frames of a camera among which the view is chosen: a wide lens takes long."""
 FILLED = 0.9
 """Fraction of the image's width or height that the actor fills."""
 FAR_SIZES = 3.0
@@ -32,12 +34,13 @@ FAR_SIZES = 3.0
 def portrait_request(source: DriveSource, actor: Actor, name: str) -> CameraRequest | None:
     """Return the request for a portrait; None for an actor that no camera came near. No other actor is there."""
     clock = Clock.of(source.drive)
-    seen = _best_view(source.drive, actor, clock)
-    if seen is None:
+    times = {name: tuple(camera.time_s) for name, camera in source.drive.cameras.items()}
+    tried = {name: frames[:: -(-len(frames) // MOST_TRIED) or 1] for name, frames in times.items()}
+    views = best_views(replace(source.drive, actors={actor.uid: actor}), tried, 1)[actor.uid]
+    if not views:
         return None
-    frame, eye, centre = seen
-    size = float(np.linalg.norm(actor.size_m))
-    ahead = centre - eye
+    frame, centre, size = views[0].frame, views[0].pose[:3, 3], float(np.linalg.norm(actor.size_m))
+    ahead = centre - views[0].camera_pose[:3, 3]
     ahead /= np.linalg.norm(ahead)
     eye = centre - ahead * FAR_SIZES * size
     back = -ahead
@@ -61,27 +64,6 @@ def portrait_request(source: DriveSource, actor: Actor, name: str) -> CameraRequ
     return camera_request(Sampled(name, here, (alone,)), view, source, float(frame), (SIZE_PX, SIZE_PX))
 
 
-def _best_view(drive: Drive, actor: Actor, clock: Clock) -> tuple[int, FloatArray, FloatArray] | None:
-    """The frame in which some camera is nearest and has the actor in its image, the camera's place and
-    the actor's centre."""
-    best: tuple[float, int, FloatArray, FloatArray] | None = None
-    poses, there = recorded_poses(actor, clock), recorded_there(actor, drive, clock)
-    for camera in drive.cameras.values():
-        for i in np.flatnonzero(there):
-            frame = int(clock.frames[i])
-            if frame not in camera.time_s:
-                continue
-            pose = camera.world_from_camera.at(camera.time_s[frame])
-            x, y, z = pose[:3, :3].T @ (poses[i, :3, 3] - pose[:3, 3])
-            if z < 1.0:
-                continue
-            u, v, _ = camera.model.project(np.array([x, y, z]))
-            inside = 0.05 < u / camera.model.width < 0.95 and 0 < v / camera.model.height < 0.95
-            if inside and (best is None or z < best[0]):
-                best = float(z), frame, pose[:3, 3], poses[i, :3, 3]
-    return None if best is None else best[1:]
-
-
 BACKGROUND = 0.22
 """Grey behind the actor, where nothing of it is seen, as display-referred sRGB."""
 
@@ -89,9 +71,7 @@ BACKGROUND = 0.22
 class ArrayReader(Protocol):
     """Reader of the arrays of an event."""
 
-    def arrays(self, event: dict[str, Any]) -> dict[str, NDArray[Any]]:
-        """The arrays by name."""
-        ...
+    def arrays(self, event: dict[str, Any]) -> dict[str, NDArray[Any]]: ...
 
 
 @dataclass

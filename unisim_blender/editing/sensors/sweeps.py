@@ -15,7 +15,7 @@ from ...core.data.sweep_cells import with_drops
 from ...core.evaluation.lidar_metrics import lidar_metrics
 from ...core.geometry import BoolArray, FloatArray, invert_pose
 from ...core.world.drive import Actor, Drive, Lidar
-from ...core.world.drive_json import lidar_model_to_json
+from ...core.world.drive_json import arrays_to_json
 from ..sampled.source import DriveSource
 from .mounts import sees_the_same
 
@@ -109,7 +109,7 @@ def same_beams(lidar: Lidar, time_s: float, drive: Drive, frame: float) -> bool:
     recorded = drive.lidars.get(lidar.sensor_id)
     if recorded is None or abs(recorded.time_s.get(int(frame), np.inf) - time_s) > SAME_TIME_S:
         return False
-    models = [lidar_model_to_json(sensor.model_at(time_s)) for sensor in (lidar, recorded)]
+    models = [arrays_to_json(sensor.model_at(time_s)) for sensor in (lidar, recorded)]
     return models[0] == models[1] and sees_the_same(
         lidar.world_from_lidar.at(time_s), recorded.world_from_lidar.at(time_s)
     )

@@ -68,13 +68,6 @@ def active_sensor(context: bpy.types.Context) -> Need:
     return obj is not None and obj.unisim.kind in ("CAMERA", "LIDAR"), "Make a camera or a LiDAR active first"
 
 
-def turns_freely(context: bpy.types.Context) -> Need:
-    """The active object's rotation has no keys."""
-    obj = context.active_object
-    free = obj is None or not is_keyed(obj)
-    return free, "Keyframes rotate this sensor: edit them in the Graph Editor, or delete them"
-
-
 class Dragged:
     """An operator that a gizmo starts: it follows the mouse until the button is let go.
 
@@ -315,12 +308,19 @@ class UNISIM_OT_drag_speed(Needing, Dragged, bpy.types.Operator):
 class _Aimed(Needing):
     """Yaw and pitch of a sensor in the vehicle's axes."""
 
+    needs = (
+        object_mode,
+        active_sensor,
+        lambda context: (
+            not is_keyed(context.active_object),
+            "Keyframes rotate this sensor: edit them in the Graph Editor, or delete them",
+        ),
+    )
+
     yaw_deg: FloatProperty(
         name="Yaw", description="Degrees to the left of the vehicle's axis", soft_min=-180, soft_max=180
     )
     pitch_deg: FloatProperty(name="Pitch", description="Degrees up", soft_min=-89, soft_max=89)
-
-    needs = (object_mode, active_sensor, turns_freely)
 
     def apply(self: Any, context: bpy.types.Context) -> None:
         aim(context.active_object, np.radians(self.yaw_deg), np.radians(self.pitch_deg))

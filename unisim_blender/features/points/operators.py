@@ -12,7 +12,7 @@ from ...bridge.objects.imported import source_of
 from ...bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.views.points import hide_points, put_sweeps
-from ...bridge.window import drive, redraw
+from ...bridge.window import drive, redraw, run_soon
 from ...core.errors import UnisimError
 from ...core.world.drive import Lidar
 from ...core.world.encoding import decode_sensor
@@ -58,8 +58,7 @@ def show_recorded(scene: bpy.types.Scene) -> None:
     if before is not None:
         before.cancel()
     reading[scene.name] = reader.submit(recorded_sweeps, *wanted)
-    if not bpy.app.timers.is_registered(show_read):
-        bpy.app.timers.register(show_read, first_interval=READ_S)
+    run_soon(show_read, READ_S)
 
 
 def show_read() -> float | None:
@@ -105,11 +104,9 @@ def ask_sweeps(scene: bpy.types.Scene) -> None:
         sensor = decode_sensor(values["sensor"])
         same = isinstance(sensor, Lidar) and same_beams(sensor, values["time_s"], source.drive, frame_of(scene))
         waiting[key] = worker, worker.ask("lidar", **values), same, frame_of(scene)
-    if bpy.app.background:
-        while waiting:
-            gather()
-    elif not bpy.app.timers.is_registered(gather):
-        bpy.app.timers.register(gather, first_interval=POLL_S)
+    while bpy.app.background and waiting:
+        gather()
+    run_soon(gather, POLL_S)
 
 
 def gather() -> float | None:
@@ -153,8 +150,8 @@ def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None)
 @persistent
 def follow_edits(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
     """Something changed: have a timer ask for the sweeps again, if they are others now."""
-    if scene.unisim.show_simulated and not bpy.app.background and not bpy.app.timers.is_registered(ask_again):
-        bpy.app.timers.register(ask_again, first_interval=EDIT_S)
+    if scene.unisim.show_simulated:
+        run_soon(ask_again, EDIT_S)
 
 
 def ask_again() -> None:

@@ -173,7 +173,6 @@ class UNISIM_OT_add_lidar(_OnVehicle, _Beams, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """With the maker's beam table, or one's own."""
         name = "lidar" if self.preset == OWN else self.preset
         put_on_vehicle(context, name, self.table(), Matrix.Translation(self.mount))
         return {"FINISHED"}

@@ -25,11 +25,6 @@ def active_index(scene: bpy.types.Scene) -> int:
     return next((i for i, obj in enumerate(scene.objects) if obj == active), -1)
 
 
-def activate(scene: bpy.types.Scene, index: int) -> None:
-    """Select the sensor that was clicked in the list."""
-    choose(bpy.context, scene.objects[index])
-
-
 class UNISIM_UL_sensors(bpy.types.UIList):
     """Cameras and LiDARs of the drive; a click selects"""
 
@@ -153,4 +148,10 @@ class UNISIM_PT_sensors(DrivePanel, bpy.types.Panel):
         column.operator("unisim.aim_sensor", icon="ORIENTATION_GIMBAL")
 
 
-PROPERTIES = ((bpy.types.Scene, "unisim_sensor_index", IntProperty(get=active_index, set=activate)),)
+PROPERTIES = (
+    (
+        bpy.types.Scene,
+        "unisim_sensor_index",
+        IntProperty(get=active_index, set=lambda scene, index: choose(bpy.context, scene.objects[index])),
+    ),
+)
