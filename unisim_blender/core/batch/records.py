@@ -71,31 +71,26 @@ class Store:
 
     def sizes(self, prefix: str = "") -> dict[str, int]:
         """Return the sizes, in bytes, of all objects below a prefix, by their names. Raises `OutputError`."""
-        root = str(self._file_system[1]).rstrip("/")
-
-        def sizes(fs: Any, path: str) -> dict[str, int]:
-            try:
-                objects = fs.find(path, detail=True)
-            except FileNotFoundError:
-                return {}
-            return {name[len(root) :].lstrip("/"): int(info["size"]) for name, info in objects.items()}
-
-        return self._tried(prefix, "listed", sizes)
+        return self._listed(prefix, lambda info: int(info["size"]))
 
     def times(self, prefix: str = "") -> dict[str, float]:
         """Return when the objects below a prefix were written, in seconds since 1970 by the store's clock; of a store that keeps
         no times, nothing. Raises `OutputError`."""
+        written = self._listed(prefix, _written_s)
+        return {name: time_s for name, time_s in written.items() if time_s is not None}
+
+    def _listed(self, prefix: str, value_of: Callable[[Any], Result]) -> dict[str, Result]:
+        """Return a value of each object below a prefix, by their names. Raises `OutputError`."""
         root = str(self._file_system[1]).rstrip("/")
 
-        def times(fs: Any, path: str) -> dict[str, float]:
+        def listed(fs: Any, path: str) -> dict[str, Result]:
             try:
                 objects = fs.find(path, detail=True)
             except FileNotFoundError:
                 return {}
-            written = {name[len(root) :].lstrip("/"): _written_s(info) for name, info in objects.items()}
-            return {name: time_s for name, time_s in written.items() if time_s is not None}
+            return {name[len(root) :].lstrip("/"): value_of(info) for name, info in objects.items()}
 
-        return self._tried(prefix, "listed", times)
+        return self._tried(prefix, "listed", listed)
 
     def remove(self, name: str) -> None:
         """Remove an object that may be there. Raises `OutputError`."""
