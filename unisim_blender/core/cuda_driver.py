@@ -188,7 +188,6 @@ class Gpu:
 
     @functools.cache  # noqa: B019 as long as the GPU
     def function(self, name: str) -> ctypes.c_void_p:
-        """Return a kernel by its name."""
         function = ctypes.c_void_p()
         self.call("cuModuleGetFunction", ctypes.byref(function), self._module, name.encode())
         return function
@@ -292,7 +291,6 @@ class GpuMemory:
         self.free()
 
     def free(self) -> None:
-        """Free all of it."""
         _free(self.gpu, self._reuse, self._addresses)
 
     def allocate(self, size: int, clear: bool = False) -> int:

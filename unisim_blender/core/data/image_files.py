@@ -33,7 +33,6 @@ class Notes(dict[str, str]):
     """Notes for a log's user from reading it: one sentence a matter, the first one."""
 
     def say(self, matter: str, sentence: str) -> None:
-        """Note a sentence, unless there is one of the matter."""
         self.setdefault(matter, sentence)
 
 
@@ -50,7 +49,6 @@ class ImageHeader:
 
     @property
     def stored(self) -> tuple[int, int]:
-        """Width and height as stored."""
         return self.width, self.height
 
     @property

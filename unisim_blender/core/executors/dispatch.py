@@ -82,19 +82,15 @@ class Pool(Protocol[WorkerT]):
 
     def start(self, number: int) -> WorkerT:
         """Start a worker of this number; its first outcome has the index `PREPARING`."""
-        ...
 
     def send(self, worker: WorkerT, index: int, unit: Any) -> None:
         """Give a worker a unit. One that is gone is told by `finished`."""
-        ...
 
     def finished(self, busy: Sequence[WorkerT]) -> Iterable[tuple[WorkerT, Outcome[Any] | None]]:
         """Wait, and return the workers that have an outcome; None of one that is lost."""
-        ...
 
     def end(self, worker: WorkerT) -> None:
         """End a worker at once, and wait until it is gone."""
-        ...
 
 
 def dispatch(

@@ -97,12 +97,7 @@ class Renderer:
 
     @overload
     def render(
-        self,
-        state: WorldState,
-        sensor: Camera,
-        time_s: float,
-        passes: Sequence[str] = ...,
-        region: Region | None = ...,
+        self, state: WorldState, sensor: Camera, time_s: float, passes: Sequence[str] = ..., region: Region | None = ...
     ) -> CameraFrame: ...
 
     @overload

@@ -11,7 +11,7 @@ import click
 from ... import cuda_driver
 from ...errors import UnisimError
 from ...executors import EXECUTORS
-from ...export.formats import check_sequence_formats, write_sequence
+from ...export.formats import check_formats, write_sequence
 from ...prepare.renderers import RENDERERS, UNTRAINED_DEFAULT
 from ...prepare.scenario_plan import RenderOptions, plan_scenario, sequence_formats
 from ...prepare.selection import split_names
@@ -20,7 +20,7 @@ from ...scenario.types import SEQUENCE_FORMATS
 from ...sensors.error_bound import parse_bounds
 from ...sensors.frames import FORMER_PASSES
 from ...sequence.run import MANIFEST_NAME, render_sequence
-from ..options import SourceParam, render_options
+from ..options import SourceParam, out_option, render_options
 
 MOST_JOBS = 8
 """Processes that are started unasked: each holds the scene."""
@@ -28,9 +28,7 @@ MOST_JOBS = 8
 
 @click.command()
 @click.argument("scenario", type=SourceParam())
-@click.option(
-    "--out", required=True, type=click.Path(path_type=Path), help="Folder to write; it must be empty or not be there."
-)
+@out_option()
 @click.option("--frames", metavar="START:STOP:STEP", help="Frames by number, or one number. [default: the scenario's]")
 @click.option(
     "--times",
@@ -110,7 +108,7 @@ def command(
     )
     plan, prepared = plan_scenario(scenario, options)
     wanted = {*sequence_formats(prepared.scenario), *formats, *(("video",) if video else ())}
-    check_sequence_formats(wanted, plan.settings, scenario)
+    check_formats(wanted, plan.settings, scenario)
     for sentence in plan.about.get("warnings", ()):
         click.echo(f"Warning: {sentence}", err=True)
     with Bar(total=1.0, bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}", dynamic_ncols=True, delay=0.5) as bar:

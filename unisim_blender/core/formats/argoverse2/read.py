@@ -203,7 +203,6 @@ class Argoverse2Log(FileLog):
         return table
 
     def _bright(self) -> list[FloatArray]:
-        """Intensities of some sweeps."""
         return [self._read_table(frame)["intensity"] for frame in spread(self._sweeps)]
 
     def _fired(

@@ -122,7 +122,6 @@ class SweepColumns:
 
     @property
     def count(self) -> int:
-        """Number of columns."""
         return len(self.origins)
 
 

@@ -220,7 +220,6 @@ class PandasetLog(FileLog):
         return self._located(self.drive.lidars[lidar], stamp_s, points, time_s, bright, semantic[keep])
 
     def _bright(self) -> list[FloatArray]:
-        """Intensities of some sweeps."""
         tables = (read_table(self._sweeps[frame], SWEEP_COLUMNS) for frame in spread(self._sweeps))
         return [table["i"].astype(np.float64) for table in tables]
 
