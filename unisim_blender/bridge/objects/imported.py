@@ -127,8 +127,7 @@ def as_imported(scene: bpy.types.Scene, kind: str, uid: str) -> bpy.types.Object
 def original_of(scene: bpy.types.Scene, kind: str, uid: str) -> bpy.types.Object | None:
     """Return the object that stands for what was imported with an id: the one that has the name which the import
     gave it, else, where that was renamed, the first by name. None where all were deleted."""
-    by_name = (obj for obj in imported_objects(scene, kind) if obj.unisim.uid == uid)
-    return as_imported(scene, kind, uid) or next(by_name, None)
+    return originals(scene, kind).get(uid)
 
 
 def originals(scene: bpy.types.Scene, kind: str) -> dict[str, bpy.types.Object]:
