@@ -18,7 +18,7 @@ import pytest
 from analytic_scene import still
 from drive_frames import DriveFrames
 from random_scene import CONFIGS, PASSES, TINY, edited, image_rays, saved
-from render.tracers.test_compiled_tracer import FEW, bits, needs_library, same_find, sweep_rays
+from render.tracers.test_compiled_tracer import FEW, bits, close, needs_library, same_find, sweep_rays
 from whole_drive import bound_to
 
 from unisim_blender.core import cuda_driver
@@ -92,6 +92,14 @@ def test_beside_the_compiled_tracer(driver: ctypes.CDLL, tmp_path: Path, name: s
     for rays, sky in ((image_rays(drive), True), (sweep_rays(drive), False)):
         stats = RenderStats(), RenderStats()
         traced = [tracer.trace(rays, PASSES, sky, None, of) for tracer, of in zip((fast, slow), stats, strict=True)]
+        if not sky:
+            directions = rays.flat().directions
+            returns = [tracer.returns(result, directions) for tracer, result in zip((fast, slow), traced, strict=True)]
+            for a, b in zip(*returns, strict=True):
+                close(a, b, rays.time_s.shape, 5e-3)
+            # features of beams stay on the GPU
+            assert traced[0].feature.size == 0 and traced[0].returned is not None
+            traced[0].feature = traced[1].feature
         same_find(traced[0], traced[1], rays.time_s.shape)
         assert stats[0].rays == stats[1].rays and stats[0].actors_skipped == stats[1].actors_skipped
         assert abs(stats[0].samples_spent - stats[1].samples_spent) <= 1e-3 * stats[1].samples_spent + 2
@@ -199,6 +207,23 @@ def test_images_beside_the_compiled_tracer(launches: list[str], tmp_path: Path, 
     assert abs(stats[0].rays - stats[1].rays) <= 0.003 * stats[1].rays
     assert abs(stats[0].samples_spent - stats[1].samples_spent) <= 0.005 * stats[1].samples_spent
     assert stats[0].samples_saved > 0
+
+
+@pytest.mark.parametrize("lens", ("rows", "fisheye"))
+def test_images_whose_cells_are_several_pixels(launches: list[str], tmp_path: Path, lens: str) -> None:
+    drive = moving(edited(), LENSES[lens])
+    several = dataclasses.replace(SINGLE, upsample=3)
+    frames = [
+        DriveFrames(Renderer(backend), drive).camera("front", 2, CAMERA_PASSES, None, region)
+        for backend in both(saved(tmp_path / "scene", several))
+        for region in (None, Region(7, 5, 30, 21))
+    ]
+    assert launches.count("unisim_begin_image") == 2
+    for fast, slow in zip(map(passes_of, frames[:2]), map(passes_of, frames[2:]), strict=True):
+        for name, values in slow.items():
+            assert fast[name].shape == values.shape and fast[name].dtype == values.dtype, name
+            a, b = (x.astype(float).reshape(-1, values[0, 0].size) for x in (fast[name], values))
+            assert (~(np.isclose(a, b, rtol=5e-3, atol=5e-3) | (a == b)).all(1)).sum() <= 9 * FEW, name
 
 
 def test_an_image_of_the_sample(launches: list[str]) -> None:
