@@ -124,10 +124,8 @@ class PaddedKeys:
         lower = np.clip(before, 0, np.maximum(self.lengths - 2, 0)[:, None])
         upper = np.where(single, 0, lower + 1)
         row = np.arange(len(self.lengths))[:, None]
-        first, span = (
-            self.times_s[row, lower],
-            np.where(single, 1.0, self.times_s[row, upper] - self.times_s[row, lower]),
-        )
+        first = self.times_s[row, lower]
+        span = np.where(single, 1.0, self.times_s[row, upper] - self.times_s[row, lower])
         return row, lower, upper, np.where(single, 0.0, (times_s - first) / span)
 
 

@@ -119,11 +119,9 @@ class SurfelTracer:
             parts.append(
                 self._part(Rays(flat.origins[part], flat.directions[part], flat.time_s[part]), passes, sky, pixel_rad)
             )
-        feature, depth, maps = (
-            np.concatenate([part[0] for part in parts]),
-            np.concatenate([part[1] for part in parts]),
-            {name: np.concatenate([part[2][name] for part in parts]) for name in parts[0][2]},
-        )
+        feature = np.concatenate([part[0] for part in parts])
+        depth = np.concatenate([part[1] for part in parts])
+        maps = {name: np.concatenate([part[2][name] for part in parts]) for name in parts[0][2]}
         traced = TraceResult(
             feature, np.where(np.isfinite(depth), depth, 0.0), np.isfinite(depth).astype(np.float32), {}
         )
