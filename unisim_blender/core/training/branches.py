@@ -202,7 +202,9 @@ class LossBranches:
             dataclasses.replace(b, rays=setup.camera_poses(b.rays, b.camera, b.world_from_camera, learn))
             for b in batches
         ]
-        return batches, trace(setup.model, start.active, _together([b.rays for b in batches]), self._sampling(start))
+        members = ("origins", "directions", "time_s")
+        rays = RayBatch(*(torch.cat([getattr(batch.rays, name) for batch in batches]) for name in members))
+        return batches, trace(setup.model, start.active, rays, self._sampling(start))
 
     def camera_terms(
         self, start: BranchStart, batches: list[PatchBatch], seen: SegmentTrace, drawn_weight: Tensor | None
@@ -392,7 +394,3 @@ def _mean(parts: list[Tensor], weight: list[Tensor], shown: list[Tensor | None])
     total = torch.stack([(p * w).sum() for p, w in zip(parts, weight, strict=True)]).sum()
     counts = [p.numel() if s is None else s.sum() * p.shape[1] for p, s in zip(parts, shown, strict=True)]
     return total / sum(counts)
-
-
-def _together(parts: list[RayBatch]) -> RayBatch:
-    return RayBatch(*(torch.cat([getattr(p, name) for p in parts]) for name in ("origins", "directions", "time_s")))
