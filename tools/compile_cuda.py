@@ -15,7 +15,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-SOURCE = Path(__file__).resolve().parents[1] / "native" / "cuda" / "kernels.cu"
+ROOT = Path(__file__).resolve().parents[1]
+SOURCE = ROOT / "native" / "cuda" / "kernels.cu"
 CAPABILITIES = (80, 86, 89, 90, 120)
 """Compute capabilities with machine code of their own; later ones compile the oldest's PTX when it is loaded."""
 
@@ -47,7 +48,8 @@ class KernelUse(NamedTuple):
 
 def compiler() -> str:
     """Return the path of CUDA's compiler. Raises SystemExit where there is none."""
-    packages = (Path(folder) / "nvidia" for folder in sys.path)
+    own = sorted((ROOT / ".venv-cuda").glob("lib/python*/site-packages"))  # of `make cuda`
+    packages = (Path(folder) / "nvidia" for folder in [*sys.path, *map(str, own)])
     of_packages = (path for folder in packages for path in sorted(folder.glob("cu*/bin/nvcc"), reverse=True))
     if nvcc := next(map(str, of_packages), None) or shutil.which("nvcc"):
         return nvcc

@@ -144,17 +144,37 @@ UNISIM_DEVICE inline void apply_relu(float *x, int count, float *out) {
     for (int i = 0; i < count; ++i) out[i] = x[i] > 0 ? x[i] : 0.0f;
 }
 
-UNISIM_DEVICE inline void decode(const ImageInputs &image, const float *feature, const double *direction, float *rgb) {
-    float x[MAX_WIDTH], active[MAX_WIDTH], inner[MAX_WIDTH];
-    const unisim_head &head = image.head;
+UNISIM_DEVICE inline float sigmoid(float x) {
+    const float e = std::exp(-std::fabs(x));
+    return (x >= 0 ? 1.0f : e) / (1 + e);
+}
+
+// Runs a head; x: its outputs, active: their ReLU.
+UNISIM_DEVICE inline void run_head(const unisim_head &head, const float *feature, const double *direction,
+                                   const float *extra, float *x, float *active) {
     const float to[3] = {static_cast<float>(direction[0]), static_cast<float>(direction[1]),
                          static_cast<float>(direction[2])};
     for (int f = 0; f < head.features; ++f) active[f] = feature[f];
     spherical_harmonics(to, active + head.features);
+    for (int i = 0; i < head.extra_inputs; ++i) active[head.features + 16 + i] = extra[i];
     for (int i = 0; i < head.count; ++i) {
         apply_layer(head.layers[i], active, x);
         apply_relu(x, head.layers[i].outputs, active);
     }
+}
+
+// out (2): the intensity of a beam's return, and the logit of its probability.
+UNISIM_DEVICE inline void decode_beam(const TraceInputs &in, const unisim_head &head, int64_t ray, float *out) {
+    float x[MAX_WIDTH], active[MAX_WIDTH];
+    const float extra[2] = {std::log1p(in.result.depth[ray]) / 5.0f, in.result.opacity[ray]};
+    run_head(head, in.result.feature + ray * head.features, in.rays.directions + 3 * ray, extra, x, active);
+    out[0] = sigmoid(x[0]);
+    out[1] = x[1];
+}
+
+UNISIM_DEVICE inline void decode(const ImageInputs &image, const float *feature, const double *direction, float *rgb) {
+    float x[MAX_WIDTH], active[MAX_WIDTH], inner[MAX_WIDTH];
+    run_head(image.head, feature, direction, nullptr, x, active);
     for (int i = 0; i + 1 < image.convolution_count; i += 2) {
         const unisim_layer &second = image.convolutions[i + 1];
         apply_layer(image.convolutions[i], active, inner);
@@ -164,10 +184,7 @@ UNISIM_DEVICE inline void decode(const ImageInputs &image, const float *feature,
         apply_relu(x, second.outputs, active);
     }
     apply_layer(image.convolutions[image.convolution_count - 1], active, inner);
-    for (int c = 0; c < 3; ++c) {
-        const float e = std::exp(-std::fabs(inner[c]));
-        rgb[c] = (inner[c] >= 0 ? 1.0f : e) / (1 + e);
-    }
+    for (int c = 0; c < 3; ++c) rgb[c] = sigmoid(inner[c]);
 }
 
 // The colour of a traced pixel, and its passes as an image has them.

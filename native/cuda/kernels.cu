@@ -47,6 +47,12 @@ extern "C" __global__ void __launch_bounds__(128, 3)
     atomicAdd(reinterpret_cast<unsigned long long *>(in.result.samples), static_cast<unsigned long long>(evaluations));
 }
 
+extern "C" __global__ void __launch_bounds__(128)
+    unisim_decode_beams(const __grid_constant__ TraceInputs in, const __grid_constant__ unisim_head head, int32_t count,
+                        float *out) {
+    for_numbers(count, [&](int32_t i) { decode_beam(in, head, i, out + 2 * static_cast<int64_t>(i)); });
+}
+
 extern "C" __global__ void __launch_bounds__(128) unisim_begin_image(const __grid_constant__ ImageInputs image) {
     for_numbers(pixels_of(image), [&](int32_t i) { begin_pixel(image, i); });
 }

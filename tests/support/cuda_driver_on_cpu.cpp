@@ -66,7 +66,8 @@ template <class... Arguments> Kernel kernel_of(void (*function)(Arguments...)) {
     return kernel_of(function, std::index_sequence_for<Arguments...>());
 }
 std::map<std::string, Kernel> kernels = {
-    {"unisim_trace_rays", kernel_of(unisim_trace_rays)},       {"unisim_begin_image", kernel_of(unisim_begin_image)},
+    {"unisim_trace_rays", kernel_of(unisim_trace_rays)},       {"unisim_decode_beams", kernel_of(unisim_decode_beams)},
+          {"unisim_begin_image", kernel_of(unisim_begin_image)},
     {"unisim_collect_pixels", kernel_of(unisim_collect_pixels)}, {"unisim_finish_pixels", kernel_of(unisim_finish_pixels)},
     {"unisim_judge_blocks", kernel_of(unisim_judge_blocks)},   {"unisim_fill_pixels", kernel_of(unisim_fill_pixels)},
 };

@@ -1,7 +1,7 @@
 """The ego vehicle: its trajectory displaced, and ordinary objects as its body."""
 
 import bpy
-from bpy.props import EnumProperty, FloatProperty, StringProperty
+from bpy.props import EnumProperty, StringProperty
 
 from ..bridge.changes.motion import displaced_along
 from ..bridge.objects.ego_bodies import make_body, release_body
@@ -12,7 +12,7 @@ from ..core.errors import UnisimError
 from ..core.scenario.edits.ego_body import DEFAULT_LABEL
 from ..translations import message
 from .actors.operators import DIRECTIONS, marked_above
-from .operator_bases import Editing, reporting
+from .operator_bases import Editing, in_metres, reporting
 from .sidebar import DrivePanel, row_of
 
 
@@ -22,12 +22,7 @@ class UNISIM_OT_shift_ego(Editing, bpy.types.Operator):
     bl_label = "Shift Ego Lane"
     needs = (object_mode, vehicle)
 
-    left_m: FloatProperty(
-        name="Left",
-        description="Displacement to the left; negative values displace to the right",
-        default=1.0,
-        unit="LENGTH",
-    )
+    left_m: in_metres("Left", "Displacement to the left; negative values displace to the right", 1.0, once=False)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         vehicles = list(imported_objects(context.scene, "EGO"))

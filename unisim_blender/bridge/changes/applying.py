@@ -27,7 +27,7 @@ from ...editing.sampled.source import DriveSource
 from ...editing.sensors.mounts import lag, lidar_json
 from ..importing.drive import animate, ride_on_vehicle
 from ..objects.ego_bodies import mount_body
-from ..objects.imported import collection_of, imported_objects, make, mark_static, new_actor
+from ..objects.imported import collection_of, entitle, imported_objects, make, mark_static, new_actor
 from ..objects.meshes import object_of
 from ..objects.sensors import set_model
 from ..objects.settings import apply_simulation
@@ -97,6 +97,7 @@ def apply_static(target: Target) -> None:
             if isinstance(edit, CopyStatic) and edit.box == uid:
                 copy = obj.copy()
                 copy.name = edit.id
+                entitle(copy, edit.id)
                 collection_of(scene, "STATIC").objects.link(copy)
                 copy.location, copy.rotation_quaternion, _ = Matrix(pose_of(edit.target).tolist()).decompose()
         if uid in gone:
@@ -108,6 +109,7 @@ def apply_bodies(target: Target) -> None:
     for edit in target.scenario.edits:
         if isinstance(edit, EgoBody):
             obj = object_of(edit.id, read_mesh(target.scenario.resolve(edit.mesh)), edit.label or DEFAULT_LABEL)
+            entitle(obj, edit.id)
             collection_of(target.scene, "BODY").objects.link(obj)
             mount_body(obj, target.ego, pose_of(edit.mount), edit.label or DEFAULT_LABEL)
 
@@ -136,6 +138,7 @@ def apply_actors(target: Target) -> Iterator[None]:
             obj = object_of(uid, read_mesh(Path(mesh)), actor.label) if mesh else new_actor(uid, actor)
             rows = (edit for edit in target.scenario.edits if isinstance(edit, Row))
             obj.unisim.row = next((row_text(row) for row in rows if uid.rpartition(" ")[0] == row.id), "")
+            entitle(obj, uid)
             collection_of(scene, "ACTOR").objects.link(obj)
             _apply(target, obj, actor, None if mesh else actor.appearance.actor if not actor.appearance.scene else "")
             source = None if mesh or actor.appearance.scene else recorded.actors.get(actor.appearance.actor)

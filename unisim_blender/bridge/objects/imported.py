@@ -141,10 +141,15 @@ def originals(scene: bpy.types.Scene, kind: str) -> dict[str, bpy.types.Object]:
 
 
 def title_of(obj: bpy.types.Object) -> str:
-    """Return what a scenario calls an object that has no id of the log's. In a variant that is its name in the variant
-    that it was copied from, as long as it keeps the name that it got with the copy."""
+    """Return what a scenario calls an object that has no id of the log's: what `entitle` said, as long as the object keeps
+    the name that it had then, else its name."""
     about = obj.unisim
     return about.called if about.called and about.called_as == obj.name else obj.name
+
+
+def entitle(obj: bpy.types.Object, title: str) -> None:
+    """Let a scenario call an object ``title``, also where its name was taken in the file and Blender gave it another."""
+    obj.unisim.called, obj.unisim.called_as = title, obj.name
 
 
 def look_scene_of(obj: bpy.types.Object) -> str:

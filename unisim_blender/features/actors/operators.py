@@ -9,7 +9,7 @@ from ...bridge.objects.imported import copy_of, forget_static, mark_static, sour
 from ...bridge.objects.meshes import make_actor, parts, size_of
 from ...bridge.objects.trajectories import remove
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.window import allowed, choose, chosen, drive, object_mode, refresh, selected
+from ...bridge.window import choose, chosen, drive, object_mode, refresh, selected
 from ...core.errors import UnisimError
 from ...editing.sampled.scene import rigid
 from ...translations import message
@@ -118,17 +118,14 @@ class UNISIM_OT_mesh_actor(Editing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_release_mesh(bpy.types.Operator):
+class UNISIM_OT_release_mesh(Editing, bpy.types.Operator):
     """Turn the selected mesh actors back into ordinary objects, which no sensor sees"""
 
     bl_label = "Release Mesh Actor"
-    bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A mesh that is an actor has to be selected."""
-        meshes = any(obj.unisim.mesh for obj in chosen(context, "ACTOR"))
-        return allowed(cls, object_mode(context), (meshes, "Select a mesh actor first"))
+    needs = (
+        object_mode,
+        lambda context: (any(obj.unisim.mesh for obj in chosen(context, "ACTOR")), "Select a mesh actor first"),
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Take the mark away."""

@@ -21,7 +21,7 @@ from ...bridge.changes.motion import displaced_along, respeeded
 from ...bridge.objects.imported import class_of, drive_of, imported_objects, source_of
 from ...bridge.objects.sensors import aim, base_of, direction_of, is_keyed
 from ...bridge.objects.trajectories import keyed_pose, own_trajectory, trajectory_of
-from ...bridge.window import Need, allowed, object_mode, refresh, vehicle
+from ...bridge.window import Need, object_mode, refresh, vehicle
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
 from ...editing.edits.lines import metres
@@ -323,25 +323,22 @@ class UNISIM_OT_drag_speed(Needing, Dragged, bpy.types.Operator):
         return series([self.subject(context).name, series(words)], ": ")
 
 
-class _Aimed:
+class _Aimed(Needing):
     """Yaw and pitch of a sensor in the vehicle's axes."""
+
+    needs = (
+        object_mode,
+        active_sensor,
+        lambda context: (
+            not is_keyed(context.active_object),
+            "Keyframes rotate this sensor: edit them in the Graph Editor, or delete them",
+        ),
+    )
 
     yaw_deg: FloatProperty(
         name="Yaw", description="Degrees to the left of the vehicle's axis", soft_min=-180, soft_max=180
     )
     pitch_deg: FloatProperty(name="Pitch", description="Degrees up", soft_min=-89, soft_max=89)
-
-    @classmethod
-    def poll(cls: Any, context: bpy.types.Context) -> bool:
-        """A sensor has to be active, whose rotation has no keys."""
-        obj = context.active_object
-        free = obj is None or not is_keyed(obj)
-        return allowed(
-            cls,
-            object_mode(context),
-            active_sensor(context),
-            (free, "Keyframes rotate this sensor: edit them in the Graph Editor, or delete them"),
-        )
 
     def apply(self: Any, context: bpy.types.Context) -> None:
         """Turn the sensor on its mount."""

@@ -11,7 +11,7 @@ from ...bridge.changes.motion import displaced_along, follow, respeeded, retimed
 from ...bridge.objects.imported import class_of, drive_of, source_of
 from ...bridge.objects.meshes import size_of
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.window import allowed, chosen, counted_names, object_mode, refresh, selected
+from ...bridge.window import chosen, counted_names, object_mode, refresh, selected
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
 from ...core.world.drive import Drive
@@ -85,21 +85,21 @@ def curve_line(context: bpy.types.Context, curve: bpy.types.Object) -> FloatArra
     return line
 
 
-class UNISIM_OT_follow_curve(FromTime, Braking, bpy.types.Operator):
+class UNISIM_OT_follow_curve(Editing, FromTime, Braking, bpy.types.Operator):
     """Move the selected actors along the selected curve, from a time on, and stop them at its end"""
 
     bl_label = "Follow Curve"
-    bl_options = {"REGISTER", "UNDO"}
+    needs = (
+        object_mode,
+        selected("Select an actor first", "ACTOR"),
+        lambda context: (
+            sum(obj.type == "CURVE" for obj in context.selected_objects) == 1,
+            "Select one curve in addition to the actors (Add > Curve)",
+        ),
+    )
 
     speed_m_s: in_m_s("Speed", "Speed along the curve, until it brakes to stop at the end", 8.0, min=0.1, soft_max=40.0)
     length_m: FloatProperty(unit="LENGTH", options={"HIDDEN", "SKIP_SAVE"})
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Actors and one curve have to be selected."""
-        curves = [obj for obj in context.selected_objects if obj.type == "CURVE"]
-        curve = len(curves) == 1, "Select one curve in addition to the actors (Add > Curve)"
-        return allowed(cls, object_mode(context), selected("Select an actor first", "ACTOR")(context), curve)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the settings, and how long the curve takes in seconds and frames."""

@@ -18,7 +18,7 @@ import pytest
 from analytic_scene import still
 from drive_frames import DriveFrames
 from random_scene import CONFIGS, PASSES, TINY, edited, image_rays, saved
-from render.tracers.test_compiled_tracer import FEW, bits, needs_library, same_find, sweep_rays
+from render.tracers.test_compiled_tracer import FEW, bits, close, needs_library, same_find, sweep_rays
 from whole_drive import bound_to
 
 from unisim_blender.core import cuda_driver
@@ -92,6 +92,14 @@ def test_beside_the_compiled_tracer(driver: ctypes.CDLL, tmp_path: Path, name: s
     for rays, sky in ((image_rays(drive), True), (sweep_rays(drive), False)):
         stats = RenderStats(), RenderStats()
         traced = [tracer.trace(rays, PASSES, sky, None, of) for tracer, of in zip((fast, slow), stats, strict=True)]
+        if not sky:
+            directions = rays.flat().directions
+            returns = [tracer.returns(result, directions) for tracer, result in zip((fast, slow), traced, strict=True)]
+            for a, b in zip(*returns, strict=True):
+                close(a, b, rays.time_s.shape, 5e-3)
+            # features of beams stay on the GPU
+            assert traced[0].feature.size == 0 and traced[0].returned is not None
+            traced[0].feature = traced[1].feature
         same_find(traced[0], traced[1], rays.time_s.shape)
         assert stats[0].rays == stats[1].rays and stats[0].actors_skipped == stats[1].actors_skipped
         assert abs(stats[0].samples_spent - stats[1].samples_spent) <= 1e-3 * stats[1].samples_spent + 2

@@ -121,6 +121,12 @@ class Decoder:
         return sigmoid(out[:, 0]), out[:, 1]
 
     @property
+    def lidar_network(self) -> tuple[native.HeadStruct, list[Array]]:
+        """The structure of the head of `returns`, and the arrays that its layers point to."""
+        arrays = [array for layer in self._lidar.layers for array in (layer.weight, layer.bias)]
+        return self._lidar.struct, [array for array in arrays if array is not None]
+
+    @property
     def sample_head(self) -> int | None:
         """The address of the head that takes the view direction at every sample; None where it enters once per ray."""
         return None if self._sample is None else ctypes.addressof(self._sample.struct)

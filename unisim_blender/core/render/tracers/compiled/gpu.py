@@ -2,7 +2,7 @@
 and results in the GPU's memory.
 
 `native/cuda/trace_ray.h` is what a thread does for a ray, `native/cuda/image.h` what it does for a pixel. An image whose
-pixels depend on their own rays alone is finished on the GPU; rays of other images and of sweeps are decoded by the CPU's
+pixels depend on their own rays alone is finished on the GPU, and so are beams; other images are decoded by the CPU's
 kernels. CPU and GPU place the same samples; sums differ by rounding.
 """
 
@@ -172,12 +172,19 @@ class GpuScene:
         return self._networks[code]
 
     @cached_property
+    def lidar_head(self) -> HeadStruct | None:
+        """The head of a LiDAR's beams with the GPU's pointers; None where a thread has no room for its layers."""
+        head, arrays = self.scene.decoder.lidar_network
+        if _widest((LayerStruct * head.count).from_address(head.layers)) > MAX_WIDTH:
+            return None
+        return self._moved_head(head, Uploaded(self.memory, arrays))
+
+    @cached_property
     def decodes(self) -> bool:
         """Whether the GPU decodes its images: pixels by their own features, by layers that a thread has room for."""
         scene = self.scene
         head, layers, _referenced = scene.decoder.network(-1)
-        every = [*(LayerStruct * head.count).from_address(head.layers), *layers]
-        widest = max(max(layer.inputs, layer.outputs) for layer in every)
+        widest = _widest([*(LayerStruct * head.count).from_address(head.layers), *layers])
         return scene.config.upsample == 1 and scene.decoder.reach == 0 and widest <= MAX_WIDTH
 
     @cached_property
@@ -203,6 +210,10 @@ class GpuScene:
 
     def _layers(self, layers: ctypes.Array[LayerStruct], uploaded: Uploaded) -> int:
         return self.memory.upload((LayerStruct * len(layers))(*map(uploaded.moved, layers)))
+
+
+def _widest(layers: Iterable[LayerStruct]) -> int:
+    return max(max(layer.inputs, layer.outputs) for layer in layers)
 
 
 class GpuBackend(CompiledBackend):
@@ -245,8 +256,12 @@ class GpuTracer(CompiledTracer):
         if not n:
             return
         self._gpu.enter()
+        head = None if sky or self._foreign else self._scenes[0].lidar_head
+        if head is not None and traced.returned is None:
+            traced.feature = traced.feature[:0]
+            traced.returned = np.empty_like(traced.depth_m), np.empty_like(traced.depth_m)
         outputs: dict[str, list[Array]] = {
-            "feature": [traced.feature],
+            "feature": [traced.feature] if head is None else [],
             "depth": [traced.depth_m],
             "opacity": [traced.opacity],
             **{name: [maps[key]] for name, key in RESULTS.items() if key in maps},
@@ -260,6 +275,8 @@ class GpuTracer(CompiledTracer):
         with GpuMemory(self._gpu, reuse=True) as memory:
             active, skipped = self._active(memory, some)
             at = {name: [memory.allocate(n * array[:1].nbytes) for array in arrays] for name, arrays in outputs.items()}
+            if head is not None:
+                at["feature"] = [memory.allocate(4 * n * head.features)]
             samples = memory.allocate(8, clear=True)
             lists = {
                 name: memory.upload((ctypes.c_void_p * len(at[name]))(*at[name])) if at[name] else None
@@ -280,8 +297,14 @@ class GpuTracer(CompiledTracer):
                 TraceResultStruct(samples=samples, **single, **lists),
             )
             launch(memory, inputs, n)
+            if head is not None and traced.returned is not None:
+                pairs, decoded = np.empty((n, 2), np.float32), memory.allocate(8 * n)
+                self._gpu.launch("unisim_decode_beams", n, (inputs, head, ctypes.c_int32(n), ctypes.c_void_p(decoded)))
+                memory.download(decoded, pairs)
+                for array, part in zip(traced.returned, pairs.T, strict=True):
+                    array[order] = part
             for name, arrays in outputs.items():
-                for place, array in zip(at[name], arrays, strict=True):
+                for place, array in zip(at[name] if arrays else (), arrays, strict=True):
                     part = np.empty((n, *array.shape[1:]), array.dtype)
                     memory.download(place, part)
                     array[order] = part
