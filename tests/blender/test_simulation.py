@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator
+from concurrent.futures import wait
 from pathlib import Path
 from threading import Event
 from types import SimpleNamespace
@@ -438,8 +439,7 @@ def test_a_file_reads_its_rollout_again_in_a_thread(scene: Any, rolled: Path, mo
     monkeypatch.setattr(views, "read_rollout", lambda folder: (go_on.wait(10), reading(folder))[1])
     assert views.rollout_of(shown) is None and views.rollout_of(shown) is None
     go_on.set()
-    for thread in list(views._readers):
-        thread.join(10)
+    assert not wait(views._read.values(), 10).not_done
     found = views.rollout_of(shown)
     assert found is not None and len(found.plans) == 5
 

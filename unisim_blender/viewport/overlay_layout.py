@@ -11,6 +11,7 @@ import bpy
 import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
+from numpy.typing import NDArray
 
 from ..bridge.window import free_rectangle
 from ..core.geometry import FloatArray
@@ -74,13 +75,18 @@ def draw_batch(primitive: str, points: Any, colours: Any, line_px: float = 1.0) 
     """Draw triangles or lines over what is there: points (N, 2) or (N, 3), and a colour for each (N, 4) or for all (4,)."""
     points = np.asarray(points, np.float32)
     shader = gpu.shader.from_builtin("SMOOTH_COLOR")
-    each = np.array(np.broadcast_to(colours, (len(points), 4)), np.float32)
+    each = one_for_each(colours, len(points))
     gpu.state.blend_set("ALPHA")
     gpu.state.depth_test_set("NONE")
     gpu.state.line_width_set(line_px)
     batch_for_shader(shader, primitive, {"pos": points, "color": each}).draw(shader)
     gpu.state.line_width_set(1.0)
     gpu.state.blend_set("NONE")
+
+
+def one_for_each(colours: Any, count: int) -> NDArray[np.float32]:
+    """Return a colour (4,) or colours (N, 4) as colours (N, 4), row by row in memory as graphics cards read them."""
+    return np.ascontiguousarray(np.broadcast_to(colours, (count, 4)), np.float32)
 
 
 def measure_at(scale: float) -> Callable[[str], float]:

@@ -94,13 +94,9 @@ def _behind(scene: bpy.types.Scene) -> Path | None:
 
 def draw() -> None:
     """Called by Blender whenever a 3D view is drawn: nothing may be changed before that is over."""
-    space = bpy.context.space_data
-    off = wanted(bpy.context.scene, space)
-    if off != _noted(bpy.context.screen).get(_index(bpy.context.screen, bpy.context.area), set()) or any(
-        getattr(space, switch) for switch in off
-    ):
-        follow_soon()
-    elif lagging(bpy.context.scene):
+    scene, screen, space = bpy.context.scene, bpy.context.screen, bpy.context.space_data
+    off, before = wanted(scene, space), _noted(screen).get(list(screen.areas).index(bpy.context.area), set())
+    if off != before or any(getattr(space, switch) for switch in off) or lagging(scene):
         follow_soon()
 
 
@@ -156,10 +152,6 @@ def _follow() -> None:
 def _noted(screen: bpy.types.Screen) -> dict[int, set[str]]:
     noted = screen.get(HIDDEN_KEY)
     return {int(index): set(text.split()) for index, text in noted.items()} if noted else {}
-
-
-def _index(screen: bpy.types.Screen, area: bpy.types.Area) -> int:
-    return next(index for index, other in enumerate(screen.areas) if other == area)
 
 
 DRAWINGS = (Drawing(draw),)

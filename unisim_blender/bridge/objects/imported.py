@@ -127,8 +127,7 @@ def as_imported(scene: bpy.types.Scene, kind: str, uid: str) -> bpy.types.Object
 def original_of(scene: bpy.types.Scene, kind: str, uid: str) -> bpy.types.Object | None:
     """Return the object that stands for what was imported with an id: the one that has the name which the import
     gave it, else, where that was renamed, the first by name. None where all were deleted."""
-    by_name = (obj for obj in imported_objects(scene, kind) if obj.unisim.uid == uid)
-    return as_imported(scene, kind, uid) or next(by_name, None)
+    return originals(scene, kind).get(uid)
 
 
 def originals(scene: bpy.types.Scene, kind: str) -> dict[str, bpy.types.Object]:
@@ -175,6 +174,21 @@ def new_actor(name: str, actor: Actor) -> bpy.types.Object:
     obj.rotation_mode, obj.show_wire = "QUATERNION", True
     obj.unisim.kind, obj.unisim.uid = "ACTOR", actor.appearance.actor
     return obj
+
+
+def add_actor(
+    scene: bpy.types.Scene, name: str, actor: Actor, look: str = "", look_scene: str = ""
+) -> bpy.types.Object:
+    """Return the same, in a scene, with the appearance of the actor ``look`` of the trained scene in a folder."""
+    obj = new_actor(name, actor)
+    collection_of(scene, "ACTOR").objects.link(obj)
+    obj.unisim.look, obj.unisim.look_scene = look, look_scene
+    return obj
+
+
+def stand_at(obj: bpy.types.Object, pose: FloatArray) -> None:
+    """Put an object at a pose (4, 4) in its parent's axes."""
+    obj.location, obj.rotation_quaternion, _ = Matrix(np.asarray(pose, float).tolist()).decompose()
 
 
 def box_mesh(size_m: FloatArray, label: str) -> bpy.types.Mesh:
@@ -256,7 +270,7 @@ def mark_static(scene: bpy.types.Scene, pose: FloatArray, size_m: FloatArray, ui
     obj = make(scene, "STATIC", uid, uid, box_mesh(size_m, STATIC_LABEL))
     obj.rotation_mode = "QUATERNION"
     obj.show_wire = True
-    obj.location, obj.rotation_quaternion, _ = Matrix(pose.tolist()).decompose()
+    stand_at(obj, pose)
     obj.unisim.model = json.dumps({"world_from_box": pose.tolist(), "size_m": np.asarray(size_m, float).tolist()})
     item = scene.unisim.static_items.add()
     item.name, item.model = uid, obj.unisim.model

@@ -20,7 +20,7 @@ from ...editing.texts import unpacked
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects, skipped_sensors, source_of
 from .adjacent_frames import moved_by_keys
 from .from_keys import Sampler, evaluated
-from .stepping import shown_names, static_items
+from .stepping import refuse_stretching, shown_names, static_items
 
 GroupKey = tuple[str, str]
 """Group and id of what is read together."""
@@ -113,15 +113,11 @@ def read_steps(scene: bpy.types.Scene) -> Iterator[None]:
     try:
         source = source_of(scene)
         clock = Clock.of(source.drive)
-        if scene.render.frame_map_old != scene.render.frame_map_new:
-            raise UnisimError(
-                "Output > Frame Range > Time Stretching is set, so frames are not the log's: set both alike"
-            )
+        refuse_stretching(scene)
     except (UnisimError, OSError) as fault:
         reading.fail(str(fault))
         return
-    live = any(window.scene == scene for window in bpy.context.window_manager.windows)
-    sampler = Sampler(scene, clock, shown_names(scene.view_layers[0].layer_collection), live)
+    sampler = Sampler(scene, clock, shown_names(scene.view_layers[0].layer_collection))
     known: dict[GroupKey, tuple[object, tuple[EditLine, ...]]] = {}
     marked = tuple((item.name, item.model) for item in scene.unisim.static_items)
     lines: list[EditLine] = []

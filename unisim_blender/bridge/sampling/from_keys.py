@@ -53,10 +53,12 @@ StepsDone = tuple[int, int]
 
 class Sampler:
     """Samples objects of one scene at the frames of ``clock``. ``shown`` are the names of objects in rendered
-    collections; ``live``: whether the scene is in a window, so that changes without a key can be read."""
+    collections; ``live``: whether changes without a key are read, too, by default where the scene is in a window."""
 
-    def __init__(self, scene: bpy.types.Scene, clock: Clock, shown: set[str], live: bool) -> None:
-        self.scene, self.clock, self.shown, self.live = scene, clock, shown, live
+    def __init__(self, scene: bpy.types.Scene, clock: Clock, shown: set[str], live: bool | None = None) -> None:
+        self.scene, self.clock, self.shown = scene, clock, shown
+        windows = bpy.context.window_manager.windows
+        self.live = any(window.scene == scene for window in windows) if live is None else live
         self._matrices: dict[str, FloatArray] = {}
         self._signatures: dict[str, tuple[object, ...]] = {}
 
@@ -197,8 +199,7 @@ def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[StepsDone, N
         yield (done := done + 1), total
     shown = scene == bpy.context.scene
     layer = bpy.context.view_layer if shown else scene.view_layers[0]
-    live = any(window.scene == scene for window in bpy.context.window_manager.windows)
-    sampler = Sampler(scene, clock, shown_names(layer.layer_collection), live)
+    sampler = Sampler(scene, clock, shown_names(layer.layer_collection))
     sampled = []
     for obj in objects:
         sampled.append(completed(sampler.sample(obj, *beside.get(obj.name, ())), obj, lambda: depsgraph_of(scene)))

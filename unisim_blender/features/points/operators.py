@@ -11,7 +11,7 @@ from bpy.app.handlers import persistent
 from ...bridge.objects.imported import source_of
 from ...bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.views.points import hide_points, put_sweeps
+from ...bridge.views.points import hide_points, put_sweep
 from ...bridge.window import drive, redraw, run_soon
 from ...core.errors import UnisimError
 from ...core.world.drive import Lidar
@@ -52,7 +52,8 @@ def show_recorded(scene: bpy.types.Scene) -> None:
     shows them then."""
     wanted = source_of(scene), scene.frame_current, scene.unisim.show_drops or scene.unisim.show_simulated
     if bpy.app.background:
-        put_sweeps(scene, recorded_sweeps(*wanted))
+        for sweep in recorded_sweeps(*wanted):
+            put_sweep(scene, sweep)
         return
     before = reading.pop(scene.name, None)
     if before is not None:
@@ -73,7 +74,8 @@ def show_read() -> float | None:
         if scene is None or future.cancelled() or not scene.unisim.show_recorded:
             continue
         try:
-            put_sweeps(scene, future.result())
+            for sweep in future.result():
+                put_sweep(scene, sweep)
         except (UnisimError, OSError) as fault:
             bpy.context.window_manager.unisim_points = str(fault)
         redraw("VIEW_3D")
@@ -124,9 +126,9 @@ def gather() -> float | None:
             print(f"Warning: {event['text']}")
             continue
         if event["event"] == "arrays" and scene is not None:
-            put_sweeps(
-                scene, simulated_sweeps(key[1], worker.arrays(event), event["beams"], event["actors"], same, frame)
-            )
+            arrays, beams, actors = worker.arrays(event), event["beams"], event["actors"]
+            for sweep in simulated_sweeps(key[1], arrays, beams, actors, same, frame):
+                put_sweep(scene, sweep)
         else:
             del waiting[key]
             if event["event"] == "error":

@@ -1,5 +1,7 @@
 """Panel Sensors: cameras and LiDARs as a list, the active one's card, and rig presets."""
 
+from typing import Any
+
 import bpy
 from bpy.props import IntProperty
 
@@ -29,14 +31,7 @@ class UNISIM_UL_sensors(bpy.types.UIList):
     """Cameras and LiDARs of the drive; a click selects"""
 
     def draw_item(
-        self,
-        context: bpy.types.Context,
-        layout: bpy.types.UILayout,
-        data: bpy.types.Scene,
-        item: bpy.types.Object,
-        icon: int,
-        active_data: bpy.types.Scene,
-        active_propname: str,
+        self, context: Any, layout: Any, data: Any, item: Any, icon: int, active_data: Any, active_propname: str
     ) -> None:
         """Draw the camera's button, name, resolution or beams, and whether it is rendered."""
         there, looked = not item.hide_render, data.camera == item
@@ -69,11 +64,8 @@ class UNISIM_UL_sensors(bpy.types.UIList):
         if self.filter_name:
             wanted = self.filter_name.lower()
             flags = [flag if wanted in obj.name.lower() else 0 for flag, obj in zip(flags, every, strict=True)]
-        ranked = sorted(range(len(every)), key=lambda i: (every[i].unisim.kind, every[i].name))
-        order = [0] * len(every)
-        for place, i in enumerate(ranked):
-            order[i] = place
-        return flags, order
+        named = [(i, obj.unisim.kind, obj.name) for i, obj in enumerate(every)]
+        return flags, bpy.types.UI_UL_list.sort_items_helper(named, key=lambda item: item[1:])
 
 
 class UNISIM_MT_rig_presets(bpy.types.Menu):
