@@ -49,7 +49,7 @@ def fill_passes(
     if "depth" in maps:
         assert along is not None
         out.depth_m = full(maps["depth"], np.float32)
-        out.z_depth_m = (out.depth_m * full(along.reshape(-1), np.float64)).astype(np.float32)
+        out.z_depth_m = (out.depth_m * full(along.reshape(-1), along.dtype.type)).astype(np.float32, copy=False)
     if "normal" in maps:
         out.normal = full(maps["normal"], np.float32)
     if "instance" in maps:
