@@ -17,8 +17,7 @@ from PIL import Image
 
 from unisim_blender.core.data.log import Drops, Sweep
 from unisim_blender.core.formats.ncore.write import NcoreWriter
-from unisim_blender.core.formats.pandaset.write import PandasetWriter
-from unisim_blender.core.formats.rendered import returns_of
+from unisim_blender.core.formats.pandaset.write import PandasetWriter, returns_of
 from unisim_blender.core.geometry import FloatArray, invert_pose, make_pose, quaternion_from_yaw
 from unisim_blender.core.lenses.lens import Lens
 from unisim_blender.core.sensors.frames import LidarFrame

@@ -23,7 +23,6 @@ from ..errors import LogError, OutputError, in_a_line
 from ..files import read_arrays
 from ..geometry import transform_points
 from ..json_file import Node, read_json
-from ..sensors.frames import LidarFrame
 from ..world.captures import in_order, key_of, name_of
 from ..world.drive import Drive
 from ..world.drive_json import read_drive
@@ -202,22 +201,6 @@ def read_sweep(path: Path) -> Sweep:
         ring=arrays["ring"][order],
         column=np.full(len(order), -1, np.int32),
         semantic=np.full(len(order), -1, np.int32),
-    )
-
-
-def returns_of(frame: LidarFrame) -> Sweep:
-    """Return a rendered sweep's returns, column by column as a LiDAR fires them; the semantic class is unknown."""
-    column, ring = np.nonzero(frame.returned.T)
-    depth = frame.depth_m[ring, column].astype(np.float64)
-    origins = frame.origins[ring, column]
-    return Sweep(
-        points=origins + frame.directions[ring, column] * depth[:, None],
-        origins=origins,
-        time_s=frame.time_s[ring, column],
-        intensity=frame.intensity[ring, column],
-        ring=ring.astype(np.int32),
-        column=column.astype(np.int32),
-        semantic=np.full(len(ring), -1, np.int32),
     )
 
 

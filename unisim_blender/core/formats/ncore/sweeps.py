@@ -22,7 +22,6 @@ from ...sensors.beam_tables import ROTATION_SIGNS, beam_table
 from ...sensors.frames import LidarFrame
 from ...sensors.lidar import column_azimuths
 from ...world.drive import Lidar, LidarModel
-from ..rendered import returns_of
 from .extras import CLASSES, NANOSECONDS, NO_CELL
 
 
@@ -172,10 +171,29 @@ def bundle_of(sweep: Sweep, lidar: Lidar, frame: int, epoch_us: int) -> Bundle:
 
 def sweep_of_frame(frame: LidarFrame) -> Sweep:
     """Return a rendered sweep with its drops; the semantic class is unknown."""
-    column, ring = np.nonzero(~frame.returned.T)
-    lost, numbers = (ring, column), (ring.astype(np.int32), column.astype(np.int32))
-    drops = Drops(frame.origins[lost], frame.directions[lost], frame.time_s[lost], *numbers)
-    return replace(returns_of(frame), drops=drops)
+    parts = []
+    for there in (frame.returned, ~frame.returned):
+        column, ring = np.nonzero(there.T)
+        parts.append((ring, column))
+    (ring, column), lost = parts
+    origins, directions = frame.origins[ring, column], frame.directions[ring, column]
+    drops = Drops(
+        frame.origins[lost],
+        frame.directions[lost],
+        frame.time_s[lost],
+        lost[0].astype(np.int32),
+        lost[1].astype(np.int32),
+    )
+    return Sweep(
+        points=origins + directions * frame.depth_m[ring, column].astype(np.float64)[:, None],
+        origins=origins,
+        time_s=frame.time_s[ring, column],
+        intensity=frame.intensity[ring, column],
+        ring=ring.astype(np.int32),
+        column=column.astype(np.int32),
+        semantic=np.full(len(ring), -1, np.int32),
+        drops=drops,
+    )
 
 
 _EMPTY, _NONE = np.zeros((0, 3)), np.zeros(0, np.int32)

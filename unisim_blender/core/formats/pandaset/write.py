@@ -36,7 +36,6 @@ from ..common.class_names import renamed, renamed_sentence
 from ..common.image_bytes import encoded_for, image_file, path_kind
 from ..common.sensor_file import LidarSetup, LogSetup, write_setup
 from ..common.writer import Tick, WritePlan, WriterPart
-from ..rendered import returns_of
 from .safe_pickle import PickledTable
 from .sensors import DEVICES, PANDASET_EGO_FROM_EGO_WXYZ
 
@@ -248,6 +247,22 @@ class PandasetWriter:
     @staticmethod
     def _write_json(path: Path, value: Any) -> None:
         write_file(path, (json.dumps(value, allow_nan=False) + "\n").encode())
+
+
+def returns_of(frame: LidarFrame) -> Sweep:
+    """A rendered sweep's returns, column by column as a LiDAR fires them; the semantic class is unknown."""
+    column, ring = np.nonzero(frame.returned.T)
+    depth = frame.depth_m[ring, column].astype(np.float64)
+    origins = frame.origins[ring, column]
+    return Sweep(
+        points=origins + frame.directions[ring, column] * depth[:, None],
+        origins=origins,
+        time_s=frame.time_s[ring, column],
+        intensity=frame.intensity[ring, column],
+        ring=ring.astype(np.int32),
+        column=column.astype(np.int32),
+        semantic=np.full(len(ring), -1, np.int32),
+    )
 
 
 def _objects(values: list[str]) -> NDArray[Any]:
