@@ -17,6 +17,7 @@ from typing import Any
 import click
 
 from unisim_blender.core.errors import UnisimError
+from unisim_blender.core.export.formats import RolloutFormats
 from unisim_blender.core.files import write_file
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.prepare.selection import split_names
@@ -64,7 +65,7 @@ def main(
             begun, lasts = time.monotonic(), seconds_for(asked, options, kind.drives, seconds)
             simulation = opened.simulation(SimulationSpec(duration_s=lasts, seed=0), kind, out / entry.name)
             note_scenario(simulation.scenario, simulation.out, True)
-            done = complete(simulation, options, film=film)
+            done = complete(simulation, options, write=RolloutFormats(film=film)(opened))
             found[entry.name] = done.scores
             click.echo(f"{entry.name}: {time.monotonic() - begun:.0f} s, {done.anew} captures rendered anew", err=True)
         if check_bytes:

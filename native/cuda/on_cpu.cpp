@@ -11,7 +11,7 @@ extern "C" int UNISIM_NAME(unisim_trace)(const unisim_scene *scene, const unisim
     parallel_bodies(rays->n, 256, threads, [&] {
         return [&, room = 64, segments = std::vector<Segment>(), numbers = std::vector<float>()](int64_t begin,
                                                                                                  int64_t end) mutable {
-            int64_t evaluations = 0;
+            int32_t evaluations = 0;
             for (int64_t at = begin; at < end;) {
                 segments.resize(static_cast<size_t>(room / 8));
                 numbers.resize(static_cast<size_t>(6 * room));

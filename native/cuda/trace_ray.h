@@ -40,13 +40,11 @@ class RayTracer {
 
     // Traces a ray and writes its results; returns false where the workspace has no room for it. `evaluations` is
     // increased by the points at which a field was evaluated.
-    UNISIM_DEVICE bool trace(int64_t ray, int64_t &evaluations) {
+    UNISIM_DEVICE bool trace(int64_t ray, int32_t &evaluations) {
         number_ = ray;
-        origin_ = in_.rays.origins + 3 * ray;
-        direction_ = in_.rays.directions + 3 * ray;
         time_ = in_.rays.times[ray];
-        transform(scene_.volume_from_world, origin_, o_);
-        turn(scene_.volume_from_world, direction_, d_);
+        transform(scene_.volume_from_world, ray_origin(), o_);
+        turn(scene_.volume_from_world, ray_direction(), d_);
         evaluations_ = 0;
         segments_ = samples_ = 0;
         hits_ = 0;
@@ -59,6 +57,10 @@ class RayTracer {
     }
 
   private:
+    // computed where they are read: a register less
+    UNISIM_DEVICE const double *ray_origin() const { return in_.rays.origins + 3 * number_; }
+    UNISIM_DEVICE const double *ray_direction() const { return in_.rays.directions + 3 * number_; }
+
     UNISIM_DEVICE Segment *new_segment(int32_t kind, int32_t set) {
         if (segments_ == work_.segment_capacity) return nullptr;
         Segment &s = work_.segments[segments_++];
@@ -124,8 +126,8 @@ class RayTracer {
             const float *size = in_.active.removed_box_sizes + 3 * k;
             const float half[3] = {size[0] / 2, size[1] / 2, size[2] / 2}, minus[3] = {-half[0], -half[1], -half[2]};
             float o[3], d[3], near, far;
-            transform(m, origin_, o);
-            turn(m, direction_, d);
+            transform(m, ray_origin(), o);
+            turn(m, ray_direction(), d);
             if (intersect_box(o, d, minus, half, 0.0f, near, far) && t >= near - margin && t <= far + margin)
                 return true;
         }
@@ -139,9 +141,9 @@ class RayTracer {
             if (!(time_ >= set.start[actor] && time_ <= set.end[actor])) continue;
             double position[3], to[3];
             position_at(set, actor, time_, position);
-            if (!reaches_sphere(position, origin_, direction_, sphere_radius(set, actor), to)) continue;
+            if (!reaches_sphere(position, ray_origin(), ray_direction(), sphere_radius(set, actor), to)) continue;
             BoxHit hit{0, actor, 0, 0, {}, {}, {}, 1.0f};
-            if (!enter_box(set, actor, pose_at(set, actor, time_), to, direction_, how_.near_m, hit)) continue;
+            if (!enter_box(set, actor, pose_at(set, actor, time_), to, ray_direction(), how_.near_m, hit)) continue;
             Segment *s = new_segment(kind, number);
             if (!s) return false;
             s->ray = hit;
@@ -619,7 +621,7 @@ class RayTracer {
         float a[MAX_WIDTH], b[MAX_WIDTH], direction[3];
         project(net, units, 1.0f, a);
         for (int f = 0; light && f < features; ++f) a[f] = a[f] * (1 + light[f]) + light[features + f];
-        for (int i = 0; i < 3; ++i) direction[i] = static_cast<float>(direction_[i]);
+        for (int i = 0; i < 3; ++i) direction[i] = static_cast<float>(ray_direction()[i]);
         spherical_harmonics(direction, a + features);
         for (int n = 0; n < head.count; ++n) {
             const unisim_layer &layer = head.layers[n];
@@ -934,8 +936,8 @@ class RayTracer {
     const SampleArrays &s_;
     const unisim_scene &scene_;
     const unisim_sampling &how_;
-    int64_t number_, evaluations_;
-    const double *origin_, *direction_;
+    int64_t number_;
+    int32_t evaluations_;
     double time_;
     float o_[3], d_[3], far_; // in the volume's coordinates, metres; where the ray leaves the volume
     int segments_, samples_;  // how many are in use

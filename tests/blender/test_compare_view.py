@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 import bpy
+import numpy as np
 import pytest
 from helpers import imported
 
@@ -100,3 +101,12 @@ def test_the_panel_sets_what_views_have(scene: Any) -> None:
     assert (here.split, here.gain, here.unsupported, here.clip) == (0.25, 8.0, True, False)
     for name, value in before.items():
         setattr(here, name, value)
+
+
+def test_a_colour_of_all_points_lies_in_memory_point_by_point() -> None:
+    from unisim_blender.viewport.overlay_layout import one_for_each
+
+    for colours in ((0.25, 0.5, 0.75, 1.0), np.tile((0.25, 0.5, 0.75, 1.0), (3, 1))):
+        each = one_for_each(colours, 3)
+        assert np.frombuffer(each.tobytes("A"), np.float32).tolist() == 3 * [0.25, 0.5, 0.75, 1.0]
+        assert each.strides == (16, 4)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from collections.abc import Iterator
+from concurrent.futures import wait
 from pathlib import Path
 from threading import Event
 from types import SimpleNamespace
@@ -21,6 +23,7 @@ from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.views import rollouts as views
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.scenario import apply_scenario, load_scenario
+from unisim_blender.core.scenario.edits import Insert
 from unisim_blender.core.simulation.rollout.steps import read_steps
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.source import scene_actors
@@ -35,6 +38,7 @@ from unisim_blender.editing.simulation.rollouts import (
     variant_of,
 )
 from unisim_blender.editing.simulation.stated import count_steps
+from unisim_blender.features.drive.export_operators import scenario_of
 from unisim_blender.features.drive.import_operators import UNISIM_OT_open_rollout
 from unisim_blender.features.simulation import panel as simulation
 from unisim_blender.features.simulation.operators import RolloutTask, UNISIM_OT_sort_rollouts, rollout_folders
@@ -274,6 +278,43 @@ def test_a_rollout_opens_beside_a_drive_as_a_variant(street: Any, rolled: Path) 
     assert shown.unisim_simulation.choice == "idm" and not street.unisim_simulation.rollout
 
 
+@pytest.fixture
+def rolled_with_new_actors(rolled: Path, tmp_path: Path) -> Path:
+    """The folder of a rollout with a copy and with a car of another trained scene, whose folder its scenario names."""
+    folder = tmp_path / "rollouts" / "rollout"
+    shutil.copytree(rolled, folder)
+    document = json.loads((folder / "scenario.json").read_text())
+    pose = {"position": [30.0, 9.0, 0.8], "yaw_deg": 0.0}
+    (tmp_path / "another").symlink_to(SAMPLE / "scene")
+    document["log"], document["scene"] = str(SAMPLE.parent / "out" / "street"), str(SAMPLE / "scene")
+    document["edits"] += [
+        {"type": "duplicate", "actor": "car-03", "id": "Copy", "offset_m": [0, 3.5, 0]},
+        {"type": "insert", "actor": "car-03", "scene": "../../another", "id": "New", "pose": pose},
+    ]
+    (folder / "scenario.json").write_text(json.dumps(document))
+    return folder
+
+
+def test_beside_a_drive_a_rollout_keeps_the_ids_of_new_actors(street: Any, rolled_with_new_actors: Path) -> None:
+    for taken in ("Copy", "New"):
+        street.collection.objects.link(bpy.data.objects.new(taken, None))
+    shown = opened(street, rolled_with_new_actors)
+    again = scenario_of(shown, rolled_with_new_actors / "again.json", start_s=0.3)
+    drive = apply_scenario(again, source_of(shown).drive, scene_actors)
+    assert {"Copy", "New"} <= set(drive.actors) and not any(uid.startswith(("Copy.", "New.")) for uid in drive.actors)
+
+
+def test_driving_on_names_the_scene_of_an_actor_that_was_removed(scene: Any, rolled_with_new_actors: Path) -> None:
+    shown = opened(scene, rolled_with_new_actors)
+    bpy.data.objects.remove(shown.objects["New"])
+    path = rolled_with_new_actors.parent / "on.json"  # in another folder
+    again = scenario_of(shown, path, start_s=0.3)
+    (edit,) = [edit for edit in again.edits if isinstance(edit, Insert)]
+    assert again.resolve(str(edit.scene)) == (SAMPLE / "scene").resolve()
+    new = apply_scenario(again, source_of(shown).drive, scene_actors).actors["New"]
+    assert new.present(0.1) and not new.present(0.4)
+
+
 def test_a_view_never_draws_a_rollout_with_another_engine(street: Any, rolled: Path) -> None:
     """Blender's own would compile its shaders, for ten seconds, before the scene has its drive."""
     street.render.engine = "UNISIM"
@@ -398,8 +439,7 @@ def test_a_file_reads_its_rollout_again_in_a_thread(scene: Any, rolled: Path, mo
     monkeypatch.setattr(views, "read_rollout", lambda folder: (go_on.wait(10), reading(folder))[1])
     assert views.rollout_of(shown) is None and views.rollout_of(shown) is None
     go_on.set()
-    for thread in list(views._readers):
-        thread.join(10)
+    assert not wait(views._read.values(), 10).not_done
     found = views.rollout_of(shown)
     assert found is not None and len(found.plans) == 5
 

@@ -4,17 +4,19 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <functional>
 #include <map>
 #include <mutex>
+#include <string>
 #include <sys/mman.h>
 
 #define __global__
-#define __launch_bounds__(threads)
+#define __launch_bounds__(...)
 #define __grid_constant__
 struct Dimensions {
     unsigned x = 0, y = 0, z = 0;
 };
-static thread_local Dimensions blockIdx, blockDim, threadIdx;
+static thread_local Dimensions gridDim, blockIdx, blockDim, threadIdx;
 template <class T> T atomicAdd(T *to, T value) {
     const T before = *to;
     *to += value;
@@ -54,6 +56,22 @@ bool is_foreign(const char *at) {
     return value >= 0x550000000000 && value < 0x800000000000 && !(p >= arena && p < arena + SIZE);
 }
 
+// A kernel with the arguments that a launch points to.
+using Kernel = std::function<void(void **)>;
+template <class... Arguments, size_t... At>
+Kernel kernel_of(void (*function)(Arguments...), std::index_sequence<At...>) {
+    return [function](void **of) { function(*static_cast<std::decay_t<Arguments> *>(of[At])...); };
+}
+template <class... Arguments> Kernel kernel_of(void (*function)(Arguments...)) {
+    return kernel_of(function, std::index_sequence_for<Arguments...>());
+}
+std::map<std::string, Kernel> kernels = {
+    {"unisim_trace_rays", kernel_of(unisim_trace_rays)},       {"unisim_decode_beams", kernel_of(unisim_decode_beams)},
+          {"unisim_begin_image", kernel_of(unisim_begin_image)},
+    {"unisim_collect_pixels", kernel_of(unisim_collect_pixels)}, {"unisim_finish_pixels", kernel_of(unisim_finish_pixels)},
+    {"unisim_judge_blocks", kernel_of(unisim_judge_blocks)},   {"unisim_fill_pixels", kernel_of(unisim_fill_pixels)},
+};
+
 } // namespace
 
 #define EXPORT extern "C" __attribute__((visibility("default")))
@@ -61,17 +79,22 @@ bool is_foreign(const char *at) {
 EXPORT void limit_memory(size_t bytes) { limit = bytes; }
 EXPORT size_t memory_in_use() { return used; }
 EXPORT size_t size_of_inputs() { return sizeof(TraceInputs); }
+EXPORT size_t size_of_image() { return sizeof(ImageInputs); }
 EXPORT int cuInit(unsigned) { return 0; }
-EXPORT int cuDeviceGetCount(int *count) { return *count = 1, 0; }
-EXPORT int cuDeviceGet(int *device, int number) { return *device = number, number ? 101 : 0; }
+int devices = 1;
+EXPORT void have_devices(int count) { devices = count; }
+EXPORT int cuDeviceGetCount(int *count) { return *count = devices, 0; }
+EXPORT int cuDeviceGet(int *device, int number) { return *device = number, number < devices ? 0 : 101; }
 EXPORT int cuDeviceGetName(char *name, int size, int) { return std::snprintf(name, size, "a CPU"), 0; }
 EXPORT int cuDevicePrimaryCtxRetain(void **context, int) { return *context = &allocated, 0; }
 EXPORT int cuCtxSetCurrent(void *context) { return context == &allocated ? 0 : 201; }
 EXPORT int cuCtxSynchronize() { return 0; }
 EXPORT int cuModuleLoadData(void **module, const void *) { return *module = &mutex, 0; }
 EXPORT int cuModuleGetFunction(void **function, void *, const char *name) {
-    *function = reinterpret_cast<void *>(&unisim_trace_rays);
-    return std::strcmp(name, "unisim_trace_rays") ? 500 : 0;
+    const auto kernel = kernels.find(name);
+    if (kernel == kernels.end()) return 500;
+    *function = &kernel->second;
+    return 0;
 }
 EXPORT int cuGetErrorString(int code, const char **text) {
     *text = code == 2 ? "out of memory" : code == 700 ? "an illegal memory access" : "another error";
@@ -79,7 +102,7 @@ EXPORT int cuGetErrorString(int code, const char **text) {
 }
 EXPORT int cuMemGetInfo_v2(size_t *free, size_t *total) { return *free = limit - used, *total = limit, 0; }
 EXPORT int cuMemAlloc_v2(void **address, size_t size) {
-    const std::lock_guard<std::mutex> lock(mutex);
+    const Opened opened;
     if (used + size > limit) return 2;
     char *at = arena;
     for (const auto &[begin, length] : allocated) {
@@ -88,6 +111,7 @@ EXPORT int cuMemAlloc_v2(void **address, size_t size) {
     }
     if (at + size > arena + SIZE) return 2;
     allocated[at] = size;
+    std::memset(at, 0xff, size); // nothing that a kernel may use
     used += size;
     *address = at;
     return 0;
@@ -112,27 +136,29 @@ EXPORT int cuMemcpyDtoH_v2(void *to, const void *from, size_t size) {
     std::memcpy(to, from, size);
     return 0;
 }
+EXPORT int cuMemcpyDtoHAsync_v2(void *to, const void *from, size_t size, void *) {
+    return cuMemcpyDtoH_v2(to, from, size);
+}
+EXPORT int cuMemAllocHost_v2(void **address, size_t size) { return *address = std::malloc(size), 0; }
 EXPORT int cuMemsetD8_v2(void *to, unsigned char value, size_t size) {
     const Opened opened;
     if (!is_allocated(to, size)) return 700;
     std::memset(to, value, size);
     return 0;
 }
-EXPORT int cuLaunchKernel(void *, unsigned blocks, unsigned, unsigned, unsigned threads, unsigned, unsigned, unsigned,
-                          void *, void **arguments, void **) {
+EXPORT int cuLaunchKernel(void *function, unsigned blocks, unsigned, unsigned, unsigned threads, unsigned, unsigned,
+                          unsigned, void *, void **arguments, void **) {
     const Opened opened;
     // pointers of the process's own memory would be the GPU's fault
     const char *inputs = static_cast<const char *>(arguments[0]);
-    for (size_t i = 0; i + 8 <= sizeof(TraceInputs); i += 8)
+    for (size_t i = 0; i + 8 <= std::min(sizeof(TraceInputs), sizeof(ImageInputs)); i += 8)
         if (is_foreign(inputs + i)) return 700;
     for (const auto &[begin, size] : allocated)
         for (size_t i = 0; size < 4096 && i + 8 <= size; i += 8)
             if (is_foreign(begin + i)) return 700;
+    gridDim.x = blocks;
     blockDim.x = threads;
     for (blockIdx.x = 0; blockIdx.x < blocks; ++blockIdx.x)
-        for (threadIdx.x = 0; threadIdx.x < threads; ++threadIdx.x)
-            unisim_trace_rays(*static_cast<const TraceInputs *>(arguments[0]),
-                              *static_cast<const LaunchMemory *>(arguments[1]), *static_cast<int64_t *>(arguments[2]),
-                              *static_cast<int64_t *>(arguments[3]), *static_cast<int64_t **>(arguments[4]));
+        for (threadIdx.x = 0; threadIdx.x < threads; ++threadIdx.x) (*static_cast<Kernel *>(function))(arguments);
     return 0;
 }

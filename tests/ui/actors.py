@@ -9,7 +9,6 @@ from typing import Any
 
 import bpy
 import numpy as np
-from mathutils import Vector
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -243,7 +242,7 @@ def within_distance() -> Iterator[float]:
 
 
 def inserted() -> Iterator[float]:
-    """Add > Actor of the Drive by thumbnail, at the 3D cursor ahead of the vehicle; one Ctrl-Z."""
+    """Add > Actor of the Drive by thumbnail, on the path ahead of the vehicle; one Ctrl-Z."""
     _, space, looks = view()
     scene = bpy.context.scene
     with inside(area("VIEW_3D")):
@@ -251,20 +250,18 @@ def inserted() -> Iterator[float]:
             "EXEC_DEFAULT", True, name=next(o.name for o in scene.objects if o.unisim.uid == "car-01")
         )
     space.shading.type, looks.view_perspective = "SOLID", "CAMERA"
-    ego = next(o for o in scene.objects if o.unisim.kind == "EGO")
-    ground = ego.matrix_world @ Vector((12.0, 0.0, 0.0))
-    scene.cursor.location = ground
-    bpy.ops.ed.undo_push(message="The cursor")
+    ego = next(o for o in scene.objects if o.unisim.kind == "EGO").name
     there = {o.name for o in scene.objects}
     yield 0.5
     yield from second_by_thumbnail("actor of the drive", "inserting")
     yield from until(lambda: len(bpy.context.scene.objects) > len(there), "nothing is inserted", 10)
-    (new,) = {o.name for o in bpy.context.scene.objects} - there
+    (new,) = {o.name for o in bpy.context.scene.objects if o.unisim.kind == "ACTOR"} - there  # and its trajectory
     yield 1.0
     screenshot("inserted_actor")
     assert edits() == [("Insert", SECOND)] and object_named(new).unisim.look == SECOND, edits()
-    apart = object_named(new).matrix_world.translation - ground
-    assert apart.xy.length < 1e-3 and abs(apart.z - object_named(new).dimensions.z / 2) < 1e-3, apart
+    ahead = object_named(ego).matrix_world.inverted() @ object_named(new).matrix_world.translation
+    assert 5.0 < ahead.x < 60.0 and abs(ahead.y) < 3.0, ahead
+    assert abs(ahead.z - object_named(new).dimensions.z / 2) < 0.3, ahead
     assert chosen() == new, "it is not selected"
     yield from key("Z", ctrl=True)
     yield from until(lambda: {o.name for o in bpy.context.scene.objects} == there, "one Ctrl-Z does not undo it", 10)

@@ -36,13 +36,13 @@ def parameter() -> Iterator[float]:
     yield from open_panel("Batch", "unisim_batch.jobs", 0.75)
     yield from press("unisim.add_parameter(")
     yield 1.0
-    yield from write("position y")
+    yield from write("along y")
     yield 1.0
     screenshot("batch_search")
     yield from key("RET")
     yield from until(lambda: len(about().parameters) == 1, "no parameter is added", 10)
     one = about().parameters[0]
-    assert one.about.endswith("position y") and one.kind == "RANGE", (one.about, one.kind)
+    assert one.about.endswith(": place along y (m)") and one.kind == "RANGE", (one.about, one.kind)
     one.stop = one.start + 1.0
     yield from place_of("parameters[0].count")
     yield from to(*found_at[0])

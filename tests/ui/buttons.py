@@ -9,17 +9,18 @@ clicks on one of them.
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Generator, Iterator
 
 import bpy
 from hands import click, key, mouse, to, write
-from session import inside, view
+from session import inside, is_searching, view, waited_s
 
 ROW = 8
 """Distance of two looks, in pixels: a row of buttons is 20 pixels high."""
 HEADER = tuple(0.7 + 0.0125 * column for column in range(24))
 """Where the right part of a view's header is looked at, as shares of its width."""
-CROSS = 0.92
+CROSS = 0.84
 """Where the cross beside a progress bar is, as a share of the sidebar's width."""
 HEADER_HIGH = 20
 """Height of a row of buttons, in pixels."""
@@ -124,9 +125,11 @@ INNER = 4
 
 def held(found: bpy.types.Area, region: bpy.types.Region, x: float, y: float, into: list[str]) -> Iterator[float]:
     """Move the mouse to a place; the name of the button that it is over then is ``into[0]``."""
+    begun = time.monotonic()
     yield from to(x, y)
     yield 0.0  # the button hears of the mouse in the next round
     into[:] = [under_mouse(found, region)]
+    waited_s["search"] += time.monotonic() - begun
 
 
 def where_it_was(found: bpy.types.Area, kind: str, wanted: Wanted) -> Iterator[float]:
@@ -212,14 +215,16 @@ def redo_panel(value: str, new: str) -> Iterator[float]:
     manager, (x, y) = bpy.context.window_manager, mouse
     yield from key("F9")
     yield 0.5
+    begun, is_searching[0] = time.monotonic(), True
     for down in range(30, -200, -6):
         yield from to(x + 222, y + down)
         manager.clipboard = ""
         yield from key("C", ctrl=True)
         if same_number(manager.clipboard, value):
             break
-    else:
-        raise AssertionError(f"no field of the redo panel shows {value}")
+    is_searching[0] = False
+    assert same_number(manager.clipboard, value), f"no field of the redo panel shows {value}"
+    waited_s["search"] += time.monotonic() - begun
     yield from key("RET")
     yield 0.1
     yield from key("A", ctrl=True)

@@ -26,6 +26,7 @@ from typing import Any, TextIO
 
 HERE = Path(__file__).resolve().parent
 REPOSITORY = HERE.parents[1]
+SAMPLE = REPOSITORY / "sample" / "scene"
 LIMIT_S = 1200
 FIRST_DISPLAY = {"trixie": 93, "sid": 113}
 """By release: displays are the machine's, whatever Debian opens them."""
@@ -59,6 +60,7 @@ SESSIONS = {
     "compare": ["--enable-event-simulate"],
     "layouts": ["--enable-event-simulate"],
     "errors": ["--enable-event-simulate"],
+    "ten_tasks": ["--enable-event-simulate"],
     "importing": ["--enable-event-simulate"],
     "first_image": ["--enable-event-simulate"],
 }
@@ -103,11 +105,14 @@ def main(
     shutil.copy(archive, work / "unisim.zip")
     for script in HERE.glob("*.py"):
         shutil.copy(script, work)
-    place_scene(root, inner)
+    own_scene, own = os.environ.get("UNISIM_UI_SCENE"), os.environ.get("UNISIM_UI_LOG")
+    place_scene(root, Path(own_scene) if own_scene else SAMPLE, Path(inner, "scene"))
+    if "ten_tasks" in chosen:
+        place_scene(root, SAMPLE, Path(inner, "another"))
     if "sequences" in chosen:
         shutil.copytree(synthetic("small", "3", "96", "54"), work / "small")
-    own = os.environ.get("UNISIM_UI_LOG")
-    if own or {"importing", "maneuvers"} & set(chosen):
+    needed = {"importing", "maneuvers"} if own_scene else {"importing", "maneuvers", "ten_tasks"}
+    if own or needed & set(chosen):
         recorded = own or (street() if "importing" in chosen else synthetic("long", "80", "96", "54"))
         shutil.copytree(recorded, work / "log")
     if "layouts" in chosen:
@@ -167,16 +172,12 @@ def built_extension() -> Path:
     return Path(subprocess.run(build, check=True, capture_output=True, text=True).stdout.split("\n")[-2])
 
 
-def place_scene(root: Path, inner: str) -> None:
-    """Copy a trained scene into that Debian, and its log to where the scene names it: the sample's, or
-    `UNISIM_UI_SCENE`'s."""
-    own = os.environ.get("UNISIM_UI_SCENE")
-    scene = Path(own) if own else REPOSITORY / "sample" / "scene"
+def place_scene(root: Path, scene: Path, target: Path) -> None:
+    """Copy a trained scene to ``target`` in that Debian, and its log to where the scene names it."""
     named = json.loads((scene / "scene.json").read_text())["log"]["path"]
-    log = (scene / named).resolve() if own else street()
-    target = Path(inner, "scene", named)
-    shutil.copytree(scene, root / inner[1:] / "scene")
-    shutil.copytree(log, root / os.path.normpath(target).lstrip("/"), dirs_exist_ok=True)
+    log = street() if scene == SAMPLE else (scene / named).resolve()
+    shutil.copytree(scene, root / str(target).lstrip("/"))
+    shutil.copytree(log, root / os.path.normpath(target / named).lstrip("/"), dirs_exist_ok=True)
 
 
 def street() -> Path:
@@ -268,11 +269,13 @@ def judge(out: Path, sessions: list[str]) -> int:
     print(json.dumps(results, indent=1))
     rows = [(name, took) for result in results.values() for name, took in result.get("tasks", {}).items()]
     (out / "tasks.json").write_text(json.dumps(dict(rows), indent=1))
-    print(f"{'task':24}{'presses':>8}{'seconds':>9}{'longest block, s':>18}{'redraw alone, s':>17}{'ours, s':>9}")
+    titles = f"{'task':24}{'steps':>6}{'presses':>8}{'seconds':>9}{'no waiting':>11}{'longest block, s':>18}"
+    print(f"{titles}{'redraw alone, s':>17}{'ours, s':>9}")
     for name, took in rows:
         ended = f"   failed: {took['failed']}" if "failed" in took else ""
         print(
-            f"{name:24}{took['presses']:8}{took['seconds']:9.2f}{took['longest_block_s']:18.3f}{took['redraw_s']:17.3f}{took['ours_s']:9.2f}{ended}"
+            f"{name:24}{took['steps']:6}{took['presses']:8}{took['seconds']:9.2f}{took['without_waiting_s']:11.2f}"
+            f"{took['longest_block_s']:18.3f}{took['redraw_s']:17.3f}{took['ours_s']:9.2f}{ended}"
         )
     window = results.get("window", {})
     wrong = [f"{name}.py left no results, see {out / 'log.txt'}" for name in without]

@@ -12,7 +12,7 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
 from browser import choose_path, menu_entry
-from buttons import CROSS, Place, buttons, place_of, press, scroll
+from buttons import CROSS, Place, buttons, choose_task, place_of, press, scroll
 from hands import key, middle, sidebar, to
 from session import OUT, area, screenshot, start, until
 from tasks import fresh, imported, task, told
@@ -112,7 +112,8 @@ def log_alone() -> Iterator[float]:
 
 
 def grey_buttons() -> Iterator[float]:
-    """With nothing selected, every grey button of the panel says why, in its tooltip."""
+    """With nothing selected, every grey button among the edits says why, in its tooltip."""
+    yield from choose_task(("EDIT",))
     found = area("VIEW_3D")
     panel = next(region for region in found.regions if region.type == "UI")
     yield from to(*middle(found))

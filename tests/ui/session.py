@@ -23,6 +23,10 @@ from numpy.typing import NDArray
 ARCHIVE, SCENE, OUT = (Path(argument) for argument in sys.argv[sys.argv.index("--") + 1 :])
 MODULE = "bl_ext.user_default.unisim_blender"
 results: dict[str, object] = {}
+waited_s = {"machine": 0.0, "search": 0.0}
+"""For how long a session has waited for the window's work, and searched the window for buttons, which a person sees."""
+is_searching = [False]
+"""Whether keys are pressed for such a search: they are none of a person's."""
 
 
 def area(kind: str) -> bpy.types.Area:
@@ -39,7 +43,9 @@ def view() -> tuple[bpy.types.Area, bpy.types.SpaceView3D, bpy.types.RegionView3
 @uncounted
 def screenshot(name: str) -> None:
     """An image of the whole window."""
+    begun = time.monotonic()
     subprocess.run(["import", "-window", "root", str(OUT / f"{name}.png")], check=True)
+    waited_s["search"] += time.monotonic() - begun
 
 
 def inside(found: bpy.types.Area) -> bpy.types.Context:
@@ -79,10 +85,13 @@ def from_behind(region: bpy.types.RegionView3D) -> None:
 
 def until(holds: Callable[[], object], what: str, limit_s: float = 120.0) -> Iterator[float]:
     """Let the window go on until something holds; ``what`` is said where it never does."""
-    last = time.monotonic() + limit_s
-    while not holds():
-        assert time.monotonic() < last, what
-        yield 0.05
+    begun = time.monotonic()
+    try:
+        while not holds():
+            assert time.monotonic() < begun + limit_s, what
+            yield 0.05
+    finally:
+        waited_s["machine"] += time.monotonic() - begun
 
 
 def named() -> Iterator[float]:

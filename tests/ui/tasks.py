@@ -17,18 +17,34 @@ import numpy as np
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from heart import heart, uncounted, watch
 from numpy.typing import NDArray
-from session import ARCHIVE, MODULE, OUT, SCENE, area, named, redraw, results, screenshot, until, view, viewport_image
+from session import (
+    ARCHIVE,
+    MODULE,
+    OUT,
+    SCENE,
+    area,
+    is_searching,
+    named,
+    redraw,
+    results,
+    screenshot,
+    until,
+    view,
+    viewport_image,
+    waited_s,
+)
 
 IMPORTED = OUT.parent / "imported.blend"
 """The sample's trained scene, imported and nothing else."""
 
 
-presses = [0]
+presses, steps = [0], [0]
+"""Of the task that runs: what was pressed, and the same with a text that is typed, or a wheel that is turned, as one."""
 
 
 def task(name: str, todo: Callable[[], Iterator[float]]) -> Iterator[float]:
-    """Run a task and note how many presses it took, how long, the longest block, and the longest of
-    redrawing alone after it.
+    """Run a task and note how many presses and steps it took, how long, with and without waiting for the window and
+    searching it for buttons, the longest block, and the longest of redrawing alone after it.
 
     A task that fails is noted with its reason, and the session goes on; `run.py` says so and fails. `UNISIM_UI_TASKS`
     in the environment, names with commas between, is for those tasks alone.
@@ -39,11 +55,15 @@ def task(name: str, todo: Callable[[], Iterator[float]]) -> Iterator[float]:
     table = results.setdefault("tasks", {})
     assert isinstance(table, dict)
     heart.begin()
-    presses[0], begun = 0, time.monotonic()
-    event = hands.event
+    presses[0], steps[0], begun = 0, 0, time.monotonic()
+    event, before, waited_before = hands.event, [""], dict(waited_s)
 
     def counted(kind: str, value: str, **more: Any) -> None:
-        presses[0] += value == "PRESS"
+        if value == "PRESS" and not is_searching[0]:
+            presses[0] += 1
+            goes_on = "text" if "unicode" in more else kind if kind.startswith("WHEEL") else ""
+            steps[0] += not goes_on or goes_on != before[0]
+            before[0] = goes_on
         event(kind, value, **more)
 
     hands.event = counted
@@ -53,9 +73,12 @@ def task(name: str, todo: Callable[[], Iterator[float]]) -> Iterator[float]:
     except Exception as fault:
         failed, trace = str(fault) or type(fault).__name__, traceback.format_exc()
     hands.event = event
+    seconds = time.monotonic() - begun
     noted = {
         "presses": presses[0],
-        "seconds": round(time.monotonic() - begun, 2),
+        "steps": steps[0],
+        "seconds": round(seconds, 2),
+        "without_waiting_s": round(seconds - sum(waited_s[name] - waited_before[name] for name in waited_s), 2),
         "longest_block_s": round(heart.longest, 3),
         "ours_s": round(heart.ours_s(), 2),
         "within": dict(heart.within.most_common(4)),

@@ -17,7 +17,10 @@ NAMED = re.compile(
     r'(?:(?<!, )\b(\w+)(?:: Any)? = )?sys\.modules(?:\.get\(|\[)f"\{MODULE\}\.([a-z_.]+)"[\])](?:\.(\w+))?'
 )
 """A module of the extension as the sessions take it: the variable that it becomes, its name, an attribute of it."""
-TOOK = {"presses": 1, "seconds": 1.0, "longest_block_s": 0.1, "redraw_s": 0.1, "ours_s": 0.0}
+TOOK = {
+    "steps": 1, "presses": 1, "seconds": 1.0, "without_waiting_s": 1.0, "longest_block_s": 0.1, "redraw_s": 0.1,
+    "ours_s": 0.0,
+}  # fmt: skip
 
 
 def judge(out: Path, sessions: dict[str, dict[str, Any]]) -> int:

@@ -177,7 +177,9 @@ def exported_variants() -> Iterator[float]:
 
 
 def moved_by(edit: Any) -> Any:
-    """By how many metres the first key of an exported move is away from the recorded trajectory, (3,)."""
+    """By how many metres an exported move is away from the recorded trajectory, at its first key, (3,)."""
+    if "offset_m" in edit:
+        return np.array(edit["offset_m"])
     drive = module("bridge.objects.imported").source_of(bpy.context.scene).drive
     recorded = drive.actors[edit["actor"]].world_from_actor
     first = edit["trajectory"][0]

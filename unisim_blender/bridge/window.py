@@ -11,6 +11,7 @@ from typing import Any
 import blf
 import bpy
 
+from ..editing.layout.overlays import Rectangle, free_part
 from ..editing.texts import Text, counted, wrapped
 from ..translations import localized, tooltip
 from .objects.imported import imported_objects
@@ -40,35 +41,28 @@ def show_tab(area: bpy.types.Area, category: str) -> bool:
     return True
 
 
+def free_rectangle(area: bpy.types.Area, region: bpy.types.Region) -> Rectangle:
+    """Return what headers, toolbar and sidebar leave free of a region of a 3D view, in its pixels."""
+    places = [(other, other.x - region.x, other.y - region.y) for other in area.regions]
+    boxes = [(other.type, Rectangle(x, y, x + other.width, y + other.height)) for other, x, y in places]
+    return free_part(region.width, region.height, boxes)
+
+
 def fit_camera_view(area: bpy.types.Area) -> None:
     """Make the camera's frame as large as what headers, toolbar and sidebar leave free of a 3D view."""
     scene, looks = bpy.context.scene, area.spaces.active.region_3d
     window = next(region for region in area.regions if region.type == "WINDOW")
-    left, bottom, right, top = 0, 0, window.width, window.height
-    for region in area.regions:
-        x, y = region.x - window.x, region.y - window.y
-        if (
-            region == window
-            or min(region.width, region.height) <= 1
-            or not (0 <= x < window.width and 0 <= y < window.height)
-        ):
-            continue
-        if region.alignment == "LEFT":
-            left = max(left, x + region.width)
-        elif region.alignment == "RIGHT":
-            right = min(right, x)
-        elif region.alignment == "TOP":
-            top = min(top, y)
+    free = free_rectangle(area, window)
     render = scene.render
     wide, high = render.resolution_x * render.pixel_aspect_x, render.resolution_y * render.pixel_aspect_y
-    frame = min((right - left - 2 * FRAME_MARGIN) / wide, (top - bottom - 2 * FRAME_MARGIN) / high)
+    frame = min((free.width - 2 * FRAME_MARGIN) / wide, (free.height - 2 * FRAME_MARGIN) / high)
     fit = scene.camera.data.sensor_fit
     drawn, whole = (high, window.height) if fit == "VERTICAL" else (wide, window.width)
     if fit == "AUTO":
         drawn, whole = max(wide, high), max(window.width, window.height)
     scale = max(frame * drawn / whole, 0.01)
     looks.view_camera_zoom = 50 * (2 * math.sqrt(scale) - math.sqrt(2))
-    middle = (left + right - window.width) / 2, (bottom + top - window.height) / 2
+    middle = (free.left + free.right - window.width) / 2, (free.bottom + free.top - window.height) / 2
     looks.view_camera_offset = [
         -apart / (2 * scale * size) for apart, size in zip(middle, (window.width, window.height), strict=True)
     ]
@@ -84,6 +78,17 @@ def run_soon(timer: Callable[[], float | None], after_s: float = 0.0, persistent
     """Have a timer of Blender's call a function, unless it does already; without a window nobody looks at what it does."""
     if not bpy.app.background and not bpy.app.timers.is_registered(timer):
         bpy.app.timers.register(timer, first_interval=after_s, persistent=persistent)
+
+
+def redraw_rendered(wanted: Callable[[Any], bool] = lambda space: True) -> bool:
+    """Draw the wanted views in Rendered shading again, by their spaces, without their panels; return whether there are
+    any."""
+    views = [area for area in areas("VIEW_3D") if area.spaces.active.shading.type == "RENDERED"]
+    regions = [region for area in views if wanted(area.spaces.active) for region in area.regions]
+    for region in regions:
+        if region.type == "WINDOW":
+            region.tag_redraw()
+    return bool(regions)
 
 
 def redraw_status_bar() -> None:

@@ -181,7 +181,6 @@ class Node:
         return str(self.value)
 
     def flag(self) -> bool:
-        """The value as true or false."""
         if not isinstance(self.value, bool):
             self.fail(f"must be true or false, not {_short(self.value)}")
         return bool(self.value)

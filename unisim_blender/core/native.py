@@ -9,6 +9,7 @@ import os
 import sys
 import warnings
 from pathlib import Path
+from typing import Any
 
 ABI_VERSION = 12
 VARIANT_VARIABLE = "UNISIM_NATIVE_VARIANT"
@@ -16,85 +17,59 @@ VARIANT_VARIABLE = "UNISIM_NATIVE_VARIANT"
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 
+def members(kind: type[Any], names: str) -> list[tuple[str, type[Any]]]:
+    """Return members of a structure that are of one kind, by their names with spaces between."""
+    return [(name, kind) for name in names.split()]
+
+
 class GridStruct(ctypes.Structure):
     """`unisim_grid` of native/unisim_native.h."""
 
     _fields_ = [
-        ("levels", ctypes.c_int32),
-        ("features", ctypes.c_int32),
-        ("grid_stride", ctypes.c_int64),
-        ("scale", ctypes.c_void_p),
-        ("offset", ctypes.c_void_p),
-        ("size", ctypes.c_void_p),
-        ("stride_y", ctypes.c_void_p),
-        ("stride_z", ctypes.c_void_p),
+        *members(ctypes.c_int32, "levels features"),
+        *members(ctypes.c_int64, "grid_stride"),
+        *members(ctypes.c_void_p, "scale offset size stride_y stride_z"),
     ]
 
 
 class MlpStruct(ctypes.Structure):
     """`unisim_mlp` of native/unisim_native.h."""
 
-    _fields_ = [
-        ("inputs", ctypes.c_int32),
-        ("hidden", ctypes.c_int32),
-        ("outputs", ctypes.c_int32),
-        ("w1", ctypes.c_void_p),
-        ("w2", ctypes.c_void_p),
-        ("bias", ctypes.c_void_p),
-    ]
+    _fields_ = [*members(ctypes.c_int32, "inputs hidden outputs"), *members(ctypes.c_void_p, "w1 w2 bias")]
 
 
 class RaySegmentsStruct(ctypes.Structure):
     """`unisim_ray_segments` of native/unisim_native.h."""
 
     _fields_ = [
-        ("n", ctypes.c_int64),
-        ("width", ctypes.c_int32),
-        ("ray", ctypes.c_void_p),
-        ("t", ctypes.c_void_p),
-        ("tau", ctypes.c_void_p),
-        ("stop_fraction", ctypes.c_void_p),
+        *members(ctypes.c_int64, "n"),
+        *members(ctypes.c_int32, "width"),
+        *members(ctypes.c_void_p, "ray t tau stop_fraction"),
     ]
 
 
 class LayerStruct(ctypes.Structure):
     """`unisim_layer` of native/unisim_native.h."""
 
-    _fields_ = [
-        ("inputs", ctypes.c_int32),
-        ("outputs", ctypes.c_int32),
-        ("kernel", ctypes.c_int32),
-        ("weight", ctypes.c_void_p),
-        ("bias", ctypes.c_void_p),
-    ]
+    _fields_ = [*members(ctypes.c_int32, "inputs outputs kernel"), *members(ctypes.c_void_p, "weight bias")]
 
 
 class PlaneStruct(ctypes.Structure):
     """`unisim_plane` of native/unisim_native.h."""
 
-    _fields_ = [
-        ("values", ctypes.c_void_p),
-        ("channels", ctypes.c_int32),
-        ("bytes", ctypes.c_int32),
-        ("kind", ctypes.c_int32),
-    ]
+    _fields_ = [*members(ctypes.c_void_p, "values"), *members(ctypes.c_int32, "channels bytes kind")]
 
 
 class BlockToleranceStruct(ctypes.Structure):
     """`unisim_block_tolerance` of native/unisim_native.h."""
 
-    _fields_ = [(name, ctypes.c_float) for name in ("spread", "contrast", "prediction", "range", "twist")]
+    _fields_ = members(ctypes.c_float, "spread contrast prediction range twist")
 
 
 class HeadStruct(ctypes.Structure):
     """`unisim_head` of native/unisim_native.h."""
 
-    _fields_ = [
-        ("features", ctypes.c_int32),
-        ("extra_inputs", ctypes.c_int32),
-        ("count", ctypes.c_int32),
-        ("layers", ctypes.c_void_p),
-    ]
+    _fields_ = [*members(ctypes.c_int32, "features extra_inputs count"), *members(ctypes.c_void_p, "layers")]
 
 
 @functools.cache

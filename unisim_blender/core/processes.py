@@ -12,6 +12,9 @@ from contextlib import contextmanager
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 """How many threads libraries use that are imported after these are set."""
 
+WORKER_VARIABLE = "UNISIM_WORKER"
+"""A worker's number among those of its machine, from 0 on."""
+
 
 def wait_briefly() -> None:
     """Have OpenMP's threads give their core up soon when they wait: by default they keep it busy for milliseconds,

@@ -157,15 +157,13 @@ class Client:
             request = self._requests.get(int(event.get("id", -1)))
             if request is None:
                 continue
-            if event["event"] in ENDS:
-                self._end(request, event)
-            elif event["event"] == "arrays" and request.prepare is not None:
+            if event["event"] == "arrays" and request.prepare is not None:
                 try:
                     event["prepared"] = request.prepare(event, self.arrays(event))
                 except Exception as fault:  # the thread goes on for other requests
-                    self._end(request, {"event": "error", "text": f"what was rendered cannot be read: {fault}"})
-                else:
-                    request.events.put(event)
+                    event = {"event": "error", "text": f"what was rendered cannot be read: {fault}"}
+            if event["event"] in ENDS:
+                self._end(request, event)
             else:
                 request.events.put(event)
 

@@ -3,12 +3,11 @@ that has images flicker."""
 
 from __future__ import annotations
 
-import sys
 from typing import Any, NamedTuple
 
 import bpy
 
-from ..bridge.window import areas
+from ..bridge.window import redraw_rendered, run_soon
 from ..editing.layout.overlays import Rectangle
 from ..editing.texts import Text
 from ..process.preparation import PREPARATION
@@ -17,6 +16,7 @@ from ..translations import localized
 from .comparison import FLICKER_S, IMAGES, difference_of
 from .options import options_of
 from .overlay_layout import GROUND, fill, ground_size, in_rows, overlay_layout, write_rows
+from .views import VIEWS, ViewportImage
 
 GRAB_PX = 8
 """Distance from the split's line within which the mouse grabs it."""
@@ -29,12 +29,10 @@ BAR, BAR_PX = (0.3, 0.6, 1.0, 1.0), 6
 UNSUPPORTED = Text("Unsupported: nothing recorded shows this")
 
 
-def drawn_view(region: bpy.types.Region) -> Any:
+def drawn_view(region: bpy.types.Region) -> ViewportImage | None:
     """Return the image that the engine draws into a region; None where it draws none."""
-    viewport = sys.modules.get(f"{__package__}.views")
     address = region.as_pointer()
-    views = viewport.VIEWS if viewport is not None else ()
-    return next((view for view in views if view.region == address), None)
+    return next((view for view in VIEWS if view.region == address), None)
 
 
 def is_rendered(context: bpy.types.Context) -> bool:
@@ -62,8 +60,8 @@ def draw() -> None:
         return
     scale = context.preferences.system.ui_scale
     mode, options = view.comparison.mode, options_of(context.space_data)
-    if mode == "FLICKER" and not bpy.app.timers.is_registered(_turn):
-        bpy.app.timers.register(_turn, first_interval=FLICKER_S)
+    if mode == "FLICKER":
+        run_soon(_turn, FLICKER_S)
     image = shown_image(context, view)
     if image.width < 1 or image.height < 1:
         return
@@ -98,7 +96,7 @@ class ImageLabel(NamedTuple):
     fraction: float | None = None
 
 
-def preparation_labels(view: Any) -> list[ImageLabel]:
+def preparation_labels(view: ViewportImage) -> list[ImageLabel]:
     """Return what stands in for a view's finished image, and how far that is."""
     recorded, labels = view.stands_in and view.comparison.has_recorded, []
     if not (view.stands_in or view.preliminary):
@@ -110,7 +108,7 @@ def preparation_labels(view: Any) -> list[ImageLabel]:
     return labels
 
 
-def shown_image(context: bpy.types.Context, view: Any) -> Rectangle:
+def shown_image(context: bpy.types.Context, view: ViewportImage) -> Rectangle:
     """Return the part of a view's image that no region covers."""
     left, bottom, width, height = view.rectangle
     free = overlay_layout(context).free
@@ -158,20 +156,17 @@ class UNISIM_GT_split(bpy.types.Gizmo):
         """Nothing: the view draws the line with its image."""
 
     def test_select(self, context: bpy.types.Context, location: Any) -> int:
-        """Return 0 where the mouse is on the line, -1 elsewhere."""
         at, view = line_at(context.region, options_of(context.space_data).split), drawn_view(context.region)
-        if at is None or abs(location[0] - at) > GRAB_PX * context.preferences.system.ui_scale:
+        if at is None or view is None or abs(location[0] - at) > GRAB_PX * context.preferences.system.ui_scale:
             return -1
         low, high = clear_line(context, shown_image(context, view), at)
         return 0 if low <= location[1] <= high else -1
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Take hold of the line."""
         self.before = options_of(context.space_data).split
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event, tweak: set[str]) -> set[str]:
-        """Put the line where the mouse is."""
         view = drawn_view(context.region)
         if view is not None:
             left, _, width, _ = view.rectangle
@@ -197,11 +192,9 @@ class UNISIM_GGT_split(bpy.types.GizmoGroup):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """A split has to be shown."""
         return is_rendered(context) and options_of(context.space_data).mode == "SPLIT"
 
     def setup(self, context: bpy.types.Context) -> None:
-        """Add the one gizmo."""
         self.gizmos.new(UNISIM_GT_split.bl_idname).use_draw_modal = True
 
 
@@ -217,7 +210,7 @@ def draw_modes(self: bpy.types.Header, context: bpy.types.Context) -> None:
         row = self.layout.row()
         row.enabled = view is not None and bool(view.problem) and is_rendered(context)
         button = row.operator("unisim.show_problem", text="", icon="ERROR")
-        if row.enabled:
+        if view is not None and row.enabled:
             button.title, button.text, button.remedy = "UniSim", view.problem, view.remedy
 
 
@@ -239,15 +232,7 @@ def draw_options(layout: Any, context: bpy.types.Context) -> None:
 
 def _turn() -> float | None:
     """Redraw the views that flicker; the clock stops when there are none."""
-    flickers = False
-    for area in areas("VIEW_3D"):
-        space = area.spaces.active
-        if space.shading.type != "RENDERED" or options_of(space).mode != "FLICKER":
-            continue
-        flickers = True
-        for region in area.regions:
-            if region.type == "WINDOW":
-                region.tag_redraw()
+    flickers = redraw_rendered(lambda space: options_of(space).mode == "FLICKER")
     return FLICKER_S if flickers else None
 
 

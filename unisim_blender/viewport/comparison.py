@@ -4,6 +4,8 @@ difference of both."""
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import gpu
@@ -36,11 +38,6 @@ FLICKER_S = 0.25
 IMAGES = RecordedImages()
 
 
-def recorded_turn() -> bool:
-    """Return whether it is the recorded image's turn where images flicker."""
-    return int(time.monotonic() / FLICKER_S) % 2 == 0
-
-
 class ViewComparison:
     """One view's recorded image, and how it is drawn with the rendered one."""
 
@@ -56,8 +53,9 @@ class ViewComparison:
         """Whether the recorded image was drawn last, where images flicker."""
         self._request: RecordedImageRequest | None = None
         self._shown: ShownImage | None = None
-        self._textures: dict[str, Any] = {}
-        self._texture_keys: dict[str, object] = {}
+        self._textures: dict[str, tuple[object, Any]] = {}
+        """Textures by name, each after the key that says which image it is of."""
+        self._metrics_key: object = None
 
     @property
     def mode(self) -> str:
@@ -108,7 +106,6 @@ class ViewComparison:
             self._request = self._shown = None
             for name in ("recorded", "difference"):
                 self._textures.pop(name, None)
-                self._texture_keys.pop(name, None)
             return
         self.lacks = lacks_recorded(view, scenario, source.drive, source.log, frame)
         if not self.lacks:
@@ -152,32 +149,33 @@ class ViewComparison:
         """
         mode, size = self.mode, (rectangle[3], rectangle[2])
         shown = self._shown if self._shown is not None and self._shown.linear.shape[:2] == size else None
-        self.turn = recorded_turn()
+        self.turn = int(time.monotonic() / FLICKER_S) % 2 == 0
         split = {"RENDERED": 0.0, "RECORDED": 1.0, "SPLIT": self.options.split}.get(mode, float(self.turn))
         there = rendered.size > 0 and rendered.shape[:2] == size
         if mode == "DIFFERENCE":
             if shown is None or not there:
                 return
             key = stamp, shown, self.options.gain
-            if self._texture_keys.get("difference") != key and not (stale and "difference" in self._textures):
-                self._put("difference", difference(shown.srgb, shown.covered, srgb, self.options.gain), key)
-            metrics_key = (*key, rectangle, region, finished)
-            if self._texture_keys.get("metrics") != metrics_key:
+            image = partial(difference, shown.srgb, shown.covered, srgb, self.options.gain)
+            draw_part(self._texture("difference", key, image, stale), rectangle, 0.0, 1.0)
+            if self._metrics_key != (*key, rectangle, region, finished):
                 self.metrics = self._metrics_text(shown, srgb, visible(rectangle, region)) if finished else ""
-                self._texture_keys["metrics"] = metrics_key
-            draw_part(self._textures["difference"], rectangle, 0.0, 1.0)
+                self._metrics_key = (*key, rectangle, region, finished)
             return
-        if shown is not None and not (stale and "recorded" in self._textures):
-            self._put("recorded", shown.linear, shown)
-        if "recorded" in self._textures and (shown is not None or stale) and split > 0.0:
-            draw_part(self._textures["recorded"], rectangle, 0.0, split)
+        recorded = self._textures["recorded"][1] if stale and "recorded" in self._textures else None
+        if shown is not None:
+            recorded = self._texture("recorded", shown, lambda: shown.linear, stale)
+        if recorded is not None and split > 0.0:
+            draw_part(recorded, rectangle, 0.0, split)
         if there and split < 1.0:
             over = unsupported if self.options.unsupported else None
-            rendered_key = stamp, over is not None, outside
-            if self._texture_keys.get("rendered") != rendered_key:
-                marked = marked_outside(rendered) if outside else rendered
-                self._put("rendered", marked if over is None else hatched(marked, over), rendered_key)
-            draw_part(self._textures["rendered"], rectangle, split, 1.0)
+
+            def marked() -> NDArray[np.float32]:
+                image = marked_outside(rendered) if outside else rendered
+                return image if over is None else hatched(image, over)
+
+            texture = self._texture("rendered", (stamp, over is not None, outside), marked)
+            draw_part(texture, rectangle, split, 1.0)
 
     def _metrics_text(self, shown: ShownImage, srgb: NDArray[np.uint8], seen: tuple[slice, slice]) -> str:
         metrics = errors(shown.srgb[seen], shown.covered[seen], srgb[seen])
@@ -188,13 +186,14 @@ class ViewComparison:
             difference=difference_of(self.options.gain), error=float(metrics[0]), psnr=float(metrics[1]),
         )  # fmt: skip
 
-    def _put(self, name: str, image: NDArray[np.float32], key: object) -> None:
-        """Have an image (H, W, 4) as a texture; ``key`` says which it is."""
-        if self._texture_keys.get(name) == key and name in self._textures:
-            return
-        buffer = gpu.types.Buffer("FLOAT", image.size, np.ascontiguousarray(image).ravel())
-        self._textures[name] = gpu.types.GPUTexture((image.shape[1], image.shape[0]), format="RGBA16F", data=buffer)
-        self._texture_keys[name] = key
+    def _texture(self, name: str, key: object, make: Callable[[], NDArray[np.float32]], stale: bool = False) -> Any:
+        """Return an image (H, W, 4) as a texture, made where there is none, or one of another key, unless ``stale``."""
+        if name not in self._textures or (self._textures[name][0] != key and not stale):
+            image = make()
+            buffer = gpu.types.Buffer("FLOAT", image.size, np.ascontiguousarray(image).ravel())
+            texture = gpu.types.GPUTexture((image.shape[1], image.shape[0]), format="RGBA16F", data=buffer)
+            self._textures[name] = key, texture
+        return self._textures[name][1]
 
 
 def difference_of(gain: float) -> str:

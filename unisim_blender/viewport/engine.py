@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import queue
-import sys
 import textwrap
 import time
 from contextlib import suppress
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..bridge.objects.imported import source_of
 from ..bridge.sampling.stepping import image_size, moment
-from ..bridge.window import areas
+from ..bridge.window import redraw_rendered, run_soon
 from ..core.colour import linear_from_srgb
 from ..core.errors import UnisimError
 from ..editing.images.views import marked_outside, outside_drive
@@ -24,6 +23,7 @@ from ..preferences import device, interpreter
 from ..process.client import Client, Request, client, progress_line
 from ..process.preparation import PREPARATION
 from ..translations import interface, localized
+from .views import VIEWS, ViewportImage
 
 CANCEL_POLL_S = 0.05
 """Between two looks at whether the user has had enough."""
@@ -65,7 +65,6 @@ class UniSimEngine(bpy.types.RenderEngine):
     bl_use_shading_nodes_custom = False
 
     def update_render_passes(self, scene: bpy.types.Scene = None, renderlayer: bpy.types.ViewLayer = None) -> None:
-        """Say which passes there are."""
         self.register_pass(scene, renderlayer, "Combined", 4, "RGBA", "COLOR")
         for name in wanted_passes(scene, renderlayer):
             _, channels, letters, kind, _ = PASSES[name]
@@ -85,7 +84,6 @@ class UniSimEngine(bpy.types.RenderEngine):
     # ---- the viewport
 
     def view_update(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
-        """Something changed."""
         self._view().changed()
 
     def view_draw(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
@@ -96,11 +94,9 @@ class UniSimEngine(bpy.types.RenderEngine):
         view.draw(self, depsgraph.scene, context.region)
         self.update_stats("UniSim", view.activity if context.space_data.overlay.show_overlays else view.sentence)
         if view.expects:
-            redraw_soon()
+            run_soon(_look, POLL_S)
 
-    def _view(self) -> Any:
-        from .views import ViewportImage  # needs a window's graphics
-
+    def _view(self) -> ViewportImage:
         if not hasattr(self, "view"):
             self.view = ViewportImage()
         return self.view
@@ -116,10 +112,8 @@ class UniSimEngine(bpy.types.RenderEngine):
     def _asked(
         self, worker: Client, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph
     ) -> tuple[Request, ResultImage]:
-        """Take the snapshot and ask for the image."""
         self.update_stats("UniSim", interface("Reading the scene"))
-        viewport = sys.modules.get(f"{__package__}.views")
-        for shown in list(viewport.VIEWS) if viewport is not None else ():
+        for shown in list(VIEWS):
             shown.make_way()
         PREPARATION.stopped = False  # the image needs it
         render, source = scene.render, source_of(scene)
@@ -262,30 +256,20 @@ def border_of(render: bpy.types.RenderSettings, size: tuple[int, int]) -> tuple[
     return left, bottom, max(right, left + 1), max(top, bottom + 1)
 
 
-def redraw_soon() -> None:
-    """Draw the viewports again when there is something to draw: parts of an image are on their way."""
-    if not bpy.app.timers.is_registered(_look):
-        bpy.app.timers.register(_look, first_interval=POLL_S)
-
-
 _asked_s, _quiet_until_s = 0.0, 0.0
 """When a drawing was asked for that is not done, and until when there is to be none."""
 
 
 def _look() -> float | None:
+    """Draw the viewports again when there is something to draw: parts of an image are on their way."""
     global _asked_s, _quiet_until_s
     now = time.monotonic()
     if _asked_s:  # timers run when all is drawn
         _quiet_until_s, _asked_s = now + max(MIN_PAUSE_S, PAUSE_FACTOR * (now - _asked_s)), 0.0
-    viewport = sys.modules.get(f"{__package__}.views")
-    views = list(viewport.VIEWS) if viewport is not None else []
+    views = list(VIEWS)
     if any(view.news(now > _quiet_until_s) for view in views):
         _asked_s = now
-        for area in areas("VIEW_3D"):
-            if area.spaces.active.shading.type == "RENDERED":
-                for region in area.regions:
-                    if region.type == "WINDOW":  # its panels show nothing of this
-                        region.tag_redraw()
+        redraw_rendered()
     return POLL_S if any(view.expects for view in views) else None
 
 

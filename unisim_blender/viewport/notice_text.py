@@ -13,7 +13,7 @@ from ..core.errors import UnisimError
 from ..editing.images.views import BAND_PX, outside_drive, stripes
 from ..editing.sampled.source import DriveSource
 from ..editing.sensors.sweeps import RECORDED
-from ..editing.texts import Text
+from ..editing.texts import Text, translatable
 from ..registering import Drawing
 from ..translations import localized
 from .compare_view import drawn_view
@@ -72,37 +72,29 @@ def notices(
     if outside := outside_drive(frame, source.drive):
         return [outside]
     sentences: list[str] = []
-    log = source.log
-    through = through or camera
+    log, through = source.log, through or camera
     if through is not None and not camera_model_of(through).is_pinhole:
-        sentences.append(
-            Text(
-                "The lens of {camera} bends lines: outlines and images follow it, Blender's own boxes do not",
-                camera=through.name,
-            )
+        bends = translatable(
+            "The lens of {camera} bends lines: outlines and images follow it, Blender's own boxes do not"
         )
+        sentences += [Text(bends, camera=through.name)]
     if camera is not None and log is not None and camera.unisim.uid in source.drive.cameras:
+        ego = next(imported_objects(scene, "EGO"), None)  # cameras stand where they were mounted on it
         if int(frame) not in log.image_frames(camera.unisim.uid):
-            sentences.append(Text("Frame {frame}: {sensors} recorded no image", frame=int(frame), sensors=camera.name))
+            sentences += [Text("Frame {frame}: {sensors} recorded no image", frame=int(frame), sensors=camera.name)]
+        elif not sees_recorded_image(scene, camera, source.drive) and ego is None:
+            deleted = translatable("The ego vehicle was deleted: the recorded image of {camera} is not shown")
+            sentences += [Text(deleted, camera=camera.name)]
         elif not sees_recorded_image(scene, camera, source.drive):
-            if next(imported_objects(scene, "EGO"), None) is None:  # cameras stand where they were mounted on it
-                sentences.append(
-                    Text("The ego vehicle was deleted: the recorded image of {camera} is not shown", camera=camera.name)
-                )
-            else:
-                sentences.append(Text("{camera} was moved: its recorded image is not shown", camera=camera.name))
-    if scene.unisim.show_recorded:
-        if log is None:
-            sentences.append(
-                Text("{log}: the log is not at hand, so no recorded points are shown", log=source.log_path.name)
-            )
-        else:  # of what was read and put there: to look into the log's files takes seconds
-            clouds = [obj for obj in imported_objects(scene, "POINTS") if kind_of(obj) == RECORDED]
-            lacking = [obj.unisim.uid.removesuffix(f" {RECORDED}") for obj in clouds if not obj.data.vertices]
-            if lacking:
-                sentences.append(
-                    Text("Frame {frame}: {sensors} recorded no sweep", frame=int(frame), sensors=", ".join(lacking))
-                )
+            sentences += [Text("{camera} was moved: its recorded image is not shown", camera=camera.name)]
+    if scene.unisim.show_recorded and log is None:
+        absent = translatable("{log}: the log is not at hand, so no recorded points are shown")
+        sentences += [Text(absent, log=source.log_path.name)]
+    elif scene.unisim.show_recorded:  # of what was read and put there: to look into the log's files takes seconds
+        clouds = [obj for obj in imported_objects(scene, "POINTS") if kind_of(obj) == RECORDED]
+        lacking = ", ".join(obj.unisim.uid.removesuffix(f" {RECORDED}") for obj in clouds if not obj.data.vertices)
+        if lacking:
+            sentences += [Text("Frame {frame}: {sensors} recorded no sweep", frame=int(frame), sensors=lacking)]
     return sentences
 
 

@@ -8,10 +8,14 @@ from typing import Any
 
 import blf
 import bpy
+import gpu
 import numpy as np
+from gpu_extras.batch import batch_for_shader
+from numpy.typing import NDArray
 
+from ..bridge.window import free_rectangle
 from ..core.geometry import FloatArray
-from ..editing.layout.overlays import OverlayLayout, Rectangle, free_part, lay_out_overlays
+from ..editing.layout.overlays import OverlayLayout, lay_out_overlays
 from ..editing.layout.shapes import OverlayShapes
 from ..editing.texts import wrapped
 from ..translations import localized
@@ -31,16 +35,10 @@ def overlay_layout(context: bpy.types.Context) -> OverlayLayout:
     region = context.region
     if region is None or region.type != "WINDOW":
         region = next(one for one in area.regions if one.type == "WINDOW")
-    boxes = [
-        (one.type, Rectangle(x, y, x + one.width, y + one.height))
-        for one in area.regions
-        for x, y in [(one.x - region.x, one.y - region.y)]
-    ]
-    free = free_part(region.width, region.height, boxes)
     sizes = {name: size_of(context) for name, size_of in WANTED.items()}
     wanted = {name: size for name, size in sizes.items() if size is not None}
     gizmos = space.show_gizmo and space.show_gizmo_navigate
-    return lay_out_overlays(free, context.preferences.system.ui_scale, wanted, gizmos)
+    return lay_out_overlays(free_rectangle(area, region), context.preferences.system.ui_scale, wanted, gizmos)
 
 
 def in_rows(texts: Sequence[str], width: float, scale: float) -> list[str]:
@@ -75,18 +73,20 @@ def fill(x0: float, y0: float, x1: float, y1: float, colour: tuple[float, ...]) 
 
 def draw_batch(primitive: str, points: Any, colours: Any, line_px: float = 1.0) -> None:
     """Draw triangles or lines over what is there: points (N, 2) or (N, 3), and a colour for each (N, 4) or for all (4,)."""
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
     points = np.asarray(points, np.float32)
     shader = gpu.shader.from_builtin("SMOOTH_COLOR")
-    each = np.array(np.broadcast_to(colours, (len(points), 4)), np.float32)
+    each = one_for_each(colours, len(points))
     gpu.state.blend_set("ALPHA")
     gpu.state.depth_test_set("NONE")
     gpu.state.line_width_set(line_px)
     batch_for_shader(shader, primitive, {"pos": points, "color": each}).draw(shader)
     gpu.state.line_width_set(1.0)
     gpu.state.blend_set("NONE")
+
+
+def one_for_each(colours: Any, count: int) -> NDArray[np.float32]:
+    """Return a colour (4,) or colours (N, 4) as colours (N, 4), row by row in memory as graphics cards read them."""
+    return np.ascontiguousarray(np.broadcast_to(colours, (count, 4)), np.float32)
 
 
 def measure_at(scale: float) -> Callable[[str], float]:

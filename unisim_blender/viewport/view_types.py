@@ -19,7 +19,7 @@ from ..bridge.objects.ego_bodies import bodies_differ, show_bodies, shown_as
 from ..bridge.objects.imported import source_of
 from ..bridge.objects.sensors import drawn_tiny, frustums_differ, resize_frustums
 from ..bridge.sampling.stepping import frame_of
-from ..bridge.window import redraw
+from ..bridge.window import redraw, run_soon
 from ..core.errors import UnisimError
 from ..registering import Drawing
 
@@ -94,13 +94,9 @@ def _behind(scene: bpy.types.Scene) -> Path | None:
 
 def draw() -> None:
     """Called by Blender whenever a 3D view is drawn: nothing may be changed before that is over."""
-    space = bpy.context.space_data
-    off = wanted(bpy.context.scene, space)
-    if off != _noted(bpy.context.screen).get(_index(bpy.context.screen, bpy.context.area), set()) or any(
-        getattr(space, switch) for switch in off
-    ):
-        follow_soon()
-    elif lagging(bpy.context.scene):
+    scene, screen, space = bpy.context.scene, bpy.context.screen, bpy.context.space_data
+    off, before = wanted(scene, space), _noted(screen).get(list(screen.areas).index(bpy.context.area), set())
+    if off != before or any(getattr(space, switch) for switch in off) or lagging(scene):
         follow_soon()
 
 
@@ -125,8 +121,7 @@ def cameras_looked_through(scene: bpy.types.Scene) -> list[bpy.types.Object | No
 
 def follow_soon(*_: object) -> None:
     """Have all views follow as soon as nothing is drawn."""
-    if not bpy.app.background and not bpy.app.timers.is_registered(_follow):
-        bpy.app.timers.register(_follow, first_interval=0.0)
+    run_soon(_follow)
 
 
 def _follow() -> None:
@@ -157,10 +152,6 @@ def _follow() -> None:
 def _noted(screen: bpy.types.Screen) -> dict[int, set[str]]:
     noted = screen.get(HIDDEN_KEY)
     return {int(index): set(text.split()) for index, text in noted.items()} if noted else {}
-
-
-def _index(screen: bpy.types.Screen, area: bpy.types.Area) -> int:
-    return next(index for index, other in enumerate(screen.areas) if other == area)
 
 
 DRAWINGS = (Drawing(draw),)

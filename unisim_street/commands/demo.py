@@ -28,7 +28,7 @@ def command(scenario: Path, out: Path, count: int) -> None:
 
     if not scenario.is_file():
         raise ScenarioError(f"{scenario}: is not there; run the demo in the repository's folder, or name a --scenario")
-    result = run_demo(scenario, out, count, default_jobs(), _make_log, click.echo, _progress)
+    result = run_demo(scenario, out, count, default_jobs("cpu"), _make_log, click.echo, _progress)
     camera, lidar = result.metrics["camera"], result.metrics["lidar"]
     click.echo(f"\nAgainst the truth, frames {', '.join(map(str, result.frames))}:")
     click.echo(f"{'':28}{'replay':>10}{'edited':>10}")

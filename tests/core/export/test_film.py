@@ -17,10 +17,9 @@ from PIL import Image
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import OutputError, UnisimError
 from unisim_blender.core.export import film
-from unisim_blender.core.export.film import WIDTH, write_film
+from unisim_blender.core.export.film import BOX, CAPTION, EGO_BOX, WIDTH, write_film
 from unisim_blender.core.formats.rendered import camera_path
 from unisim_blender.core.output.video import _frames_of
-from unisim_blender.core.simulation.rollout.film import BOX, CAPTION, EGO_BOX
 
 SAMPLE = Path(__file__).parents[3] / "sample" / "scenario.json"
 FEW = 12

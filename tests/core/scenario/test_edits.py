@@ -15,7 +15,7 @@ from unisim_blender.core.errors import ScenarioError, SceneError
 from unisim_blender.core.geometry import FloatArray, Trajectory, invert_pose, make_pose, quaternion_from_yaw
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.world.drive import Actor, Appearance, Drive
-from unisim_blender.core.world.drive_json import drive_to_json, trajectory_to_json
+from unisim_blender.core.world.drive_json import arrays_to_json, drive_to_json
 
 TIMES = np.linspace(-0.1413, 1.0437, 237)
 """Times between keys, and all that rolling shutters and sweeps of the drive ask for."""
@@ -547,7 +547,7 @@ def test_an_actor_with_one_key_stays_one_key() -> None:
         "b"
     ]
     assert len(copy.world_from_actor.times_s) == 1
-    assert trajectory_to_json(copy.world_from_actor)["positions"] == [[30.0, -3.0, 1.25]]
+    assert arrays_to_json(copy.world_from_actor)["positions"] == [[30.0, -3.0, 1.25]]
     assert isinstance(copy.world_from_actor, Trajectory)
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from unisim_blender.core.simulation.rollout.film import (
+from unisim_blender.core.export.film import (
     AHEAD_M,
     BEHIND_M,
     BOX,

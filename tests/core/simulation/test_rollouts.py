@@ -18,6 +18,7 @@ from written_street import write_street
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.data.log import Sweep
 from unisim_blender.core.errors import LogError, ScenarioError, SimulationError
+from unisim_blender.core.export.film import CAPTION
 from unisim_blender.core.formats.mcap.write import MCAP
 from unisim_blender.core.formats.pandaset.read import ROAD, PandasetLog
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
@@ -27,7 +28,6 @@ from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.drivers.driver import CheckedDriver, DriverSetup, EgoMotion, Observation
 from unisim_blender.core.simulation.edits import edits_of
 from unisim_blender.core.simulation.rollout import loop
-from unisim_blender.core.simulation.rollout.film import FILM_NAME, HEIGHT
 from unisim_blender.core.simulation.rollout.run import complete
 from unisim_blender.core.simulation.rollout.setup import open_scenario
 from unisim_blender.core.simulation.rollout.steps import BASE_NAME, SCENARIO_NAME, STEPS_NAME, read_steps
@@ -136,15 +136,16 @@ def test_its_scenario_renders_to_the_drivers_bytes(braking: Path, tmp_path: Path
 
 
 def test_its_film_has_a_frame_a_step(braking: Path) -> None:
-    reader = imageio_ffmpeg.read_frames(str(braking / FILM_NAME))
+    reader = imageio_ffmpeg.read_frames(str(braking / "film.mp4"))
     about = next(reader)
     frames = [np.frombuffer(frame, np.uint8).reshape(*about["size"][::-1], 3).astype(int) for frame in reader]
     assert len(frames) == len(read_steps(braking)) and about["fps"] == pytest.approx(10)
     image = sorted((braking / "camera" / "front_camera").glob("*.png"))[-1]
-    picture = Image.open(image).convert("RGB").resize((HEIGHT * 16 // 9 // 2 * 2, HEIGHT))
-    shown = frames[-1][:HEIGHT, : picture.width]
-    assert np.abs(shown - np.asarray(picture)).mean() < 6 < np.abs(frames[0][:HEIGHT, : picture.width] - shown).mean()
-    above = frames[-1][:HEIGHT, picture.width :]
+    high = frames[0].shape[0] - CAPTION
+    picture = Image.open(image).convert("RGB").resize((frames[0].shape[1] - high, high))
+    shown = frames[-1][:high, : picture.width]
+    assert np.abs(shown - np.asarray(picture)).mean() < 6 < np.abs(frames[0][:high, : picture.width] - shown).mean()
+    above = frames[-1][:high, picture.width :]
     assert ((above[..., 0] > 180) & (above[..., 2] < 120) & (above[..., 1] > 90)).sum() > 10, "no ego vehicle"
 
 

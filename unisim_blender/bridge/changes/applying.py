@@ -9,7 +9,6 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from mathutils import Matrix
 
 from ...core.geometry import invert_pose
 from ...core.meshes.read import read_mesh
@@ -27,7 +26,7 @@ from ...editing.sampled.source import DriveSource
 from ...editing.sensors.mounts import lag, lidar_json
 from ..importing.drive import animate, ride_on_vehicle
 from ..objects.ego_bodies import mount_body
-from ..objects.imported import collection_of, imported_objects, make, mark_static, new_actor
+from ..objects.imported import collection_of, entitle, imported_objects, make, mark_static, new_actor, stand_at
 from ..objects.meshes import object_of
 from ..objects.sensors import set_model
 from ..objects.settings import apply_simulation
@@ -97,8 +96,9 @@ def apply_static(target: Target) -> None:
             if isinstance(edit, CopyStatic) and edit.box == uid:
                 copy = obj.copy()
                 copy.name = edit.id
+                entitle(copy, edit.id)
                 collection_of(scene, "STATIC").objects.link(copy)
-                copy.location, copy.rotation_quaternion, _ = Matrix(pose_of(edit.target).tolist()).decompose()
+                stand_at(copy, pose_of(edit.target))
         if uid in gone:
             bpy.data.objects.remove(obj)
 
@@ -108,6 +108,7 @@ def apply_bodies(target: Target) -> None:
     for edit in target.scenario.edits:
         if isinstance(edit, EgoBody):
             obj = object_of(edit.id, read_mesh(target.scenario.resolve(edit.mesh)), edit.label or DEFAULT_LABEL)
+            entitle(obj, edit.id)
             collection_of(target.scene, "BODY").objects.link(obj)
             mount_body(obj, target.ego, pose_of(edit.mount), edit.label or DEFAULT_LABEL)
 
@@ -136,6 +137,7 @@ def apply_actors(target: Target) -> Iterator[None]:
             obj = object_of(uid, read_mesh(Path(mesh)), actor.label) if mesh else new_actor(uid, actor)
             rows = (edit for edit in target.scenario.edits if isinstance(edit, Row))
             obj.unisim.row = next((row_text(row) for row in rows if uid.rpartition(" ")[0] == row.id), "")
+            entitle(obj, uid)
             collection_of(scene, "ACTOR").objects.link(obj)
             _apply(target, obj, actor, None if mesh else actor.appearance.actor if not actor.appearance.scene else "")
             source = None if mesh or actor.appearance.scene else recorded.actors.get(actor.appearance.actor)
@@ -181,12 +183,12 @@ def apply_sensors(target: Target) -> None:
         obj = _known(scene, name) or make(scene, kind, name, name, data)
         obj.unisim.sees_ego_body = sees_body.get(name, "AUTO")
         times = clock.of_sensor(sensor).times_s
+        world = sensor.trajectory.at(times)
         if isinstance(sensor, Camera):
+            world = optical(world)
             set_model(obj, sensor.model)
-            world = optical(sensor.world_from_camera.at(times))
         else:
             obj.unisim.model = lidar_json(sensor.model)
-            world = sensor.world_from_lidar.at(times)
         if name in unmoved and data is None:
             continue
         if name in free:

@@ -10,7 +10,7 @@ import bpy
 
 from ...core.errors import UnisimError
 from ...editing.edits.variants import checked_name
-from ..objects.imported import BOX_PREFIX, copy_action, has_drive, title_of
+from ..objects.imported import BOX_PREFIX, copy_action, entitle, has_drive, title_of
 from ..objects.trajectories import trajectory_of
 from ..sampling.adjacent_frames import BESIDE_SCENE
 from ..sampling.edit_list import renamed
@@ -104,7 +104,7 @@ def _keep_ids(objects: dict[bpy.types.Object, bpy.types.Object]) -> None:
     original_names = {old.unisim.home: new.name for old, new in objects.items() if old.name == old.unisim.home}
     for old, new in objects.items():
         new.unisim.home = original_names.get(old.unisim.home, new.unisim.home)
-        new.unisim.called, new.unisim.called_as = title_of(old), new.name
+        entitle(new, title_of(old))
 
 
 def _own_data(objects: dict[bpy.types.Object, bpy.types.Object]) -> None:
@@ -137,7 +137,7 @@ def _copy_muted(scene: bpy.types.Scene, variant: bpy.types.Scene, pairs: dict[bp
             continue
         parked = _parked(old.parked, pairs)
         if there is None:  # it is a copy that was muted: it keeps what a scenario calls it
-            parked.unisim.called, parked.unisim.called_as = title_of(old.parked), parked.name
+            entitle(parked, title_of(old.parked))
             new.thing = parked.name
         elif old.parked.unisim.home == there.unisim.home:
             parked.unisim.home, parked.unisim.called_as = pairs[there].unisim.home, pairs[there].name

@@ -45,15 +45,9 @@ def set_background(camera: bpy.types.Camera, log: Log, sensor_id: str) -> None:
 def _are_numbered(log: Log, sensor_id: str) -> bool:
     """Whether the names of a sensor's images are the numbers of their frames, by the first and the last."""
     frames = log.image_frames(sensor_id)
-    paths = [log.image_path(sensor_id, frame) for frame in (frames[0], frames[-1])]
-    names = [path.stem for path in paths if path is not None]
-    return (
-        len(names) == 2
-        and len({(path.parent, path.suffix, len(path.stem)) for path in paths if path is not None}) == 1
-        and all(
-            name.isdecimal() and int(name) == frame for name, frame in zip(names, (frames[0], frames[-1]), strict=True)
-        )
-    )
+    ends = [(frame, log.image_path(sensor_id, frame)) for frame in (frames[0], frames[-1])]
+    named = [path for frame, path in ends if path is not None and path.stem.isdecimal() and int(path.stem) == frame]
+    return len(named) == 2 and len({(path.parent, path.suffix, len(path.stem)) for path in named}) == 1
 
 
 def background_to_show(scene: bpy.types.Scene, camera: bpy.types.Object, log: Log | None) -> Path | None:

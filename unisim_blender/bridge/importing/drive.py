@@ -99,7 +99,7 @@ def import_source(
         _lidar(scene, drive, lidar, ego, clock)
         yield ImportStep(done := done + 1, total, lidar.sensor_id, draw=lidar is lidars[-1])
     for actor in actors:
-        _actor(scene, drive, actor, clock, names[actor.uid]).pass_index = 1 + sorted(drive.actors).index(actor.uid)
+        _actor(scene, drive, actor, clock, names[actor.uid])
         yield ImportStep(done := done + 1, total, actor.label)
     yield ImportStep(total, total, "actors", draw=True)
     if first:
@@ -245,19 +245,18 @@ def _lidar(scene: bpy.types.Scene, drive: Drive, lidar: Lidar, ego: bpy.types.Ob
     ride_on_vehicle(obj, recorded_mount(lidar, drive, clock), lag(lidar, drive, clock), ego, clock)
 
 
-def _actor(scene: bpy.types.Scene, drive: Drive, actor: Actor, clock: Clock, name: str) -> bpy.types.Object:
+def _actor(scene: bpy.types.Scene, drive: Drive, actor: Actor, clock: Clock, name: str) -> None:
     obj = make(scene, "ACTOR", actor.uid, name, box_mesh(actor.size_m, actor.label))
     obj.show_wire, obj.color = True, (1.0, 1.0, 1.0, 1.0)
+    obj.pass_index = 1 + sorted(drive.actors).index(actor.uid)
     go(obj, actor, drive, clock)
-    return obj
 
 
 def import_object(scene: bpy.types.Scene, source: DriveSource, kind: str, uid: str) -> None:
     """Put one actor or sensor of the drive into a scene, or bring it up to date. Needs the ego vehicle."""
     drive, clock, ego = source.drive, Clock.of(source.drive), next(imported_objects(scene, "EGO"))
     if kind == "ACTOR":
-        name = names_at_import(source)[uid]
-        _actor(scene, drive, drive.actors[uid], clock, name).pass_index = 1 + sorted(drive.actors).index(uid)
+        _actor(scene, drive, drive.actors[uid], clock, names_at_import(source)[uid])
     elif kind == "CAMERA":
         _camera(scene, source, drive.cameras[uid], ego, clock)
     else:

@@ -42,14 +42,10 @@ def imported_objects(scene: bpy.types.Scene, *kinds: str) -> Iterator[bpy.types.
 def rides_on_ego(obj: bpy.types.Object) -> bool:
     """Return whether an object is the ego vehicle or rides on it: by its parents, or by a constraint to
     what rides there."""
-    above: bpy.types.Object | None = obj
-    while above is not None:
-        if above.unisim.kind == "EGO":
-            return True
+    for above in with_parents(obj):
         targets = [getattr(constraint, "target", None) for constraint in above.constraints if not constraint.mute]
-        if any(_parented_to_ego(target) for target in targets if target is not None):
+        if above.unisim.kind == "EGO" or any(ego_above(target) for target in targets if target is not None):
             return True
-        above = above.parent
     return False
 
 
@@ -62,11 +58,16 @@ def sees_body(obj: bpy.types.Object) -> bool:
     return setting == "ALWAYS" if setting != "AUTO" else not rides_on_ego(obj)
 
 
-def _parented_to_ego(obj: bpy.types.Object) -> bool:
-    above: bpy.types.Object | None = obj
-    while above is not None and above.unisim.kind != "EGO":
-        above = above.parent
-    return above is not None
+def with_parents(obj: bpy.types.Object) -> Iterator[bpy.types.Object]:
+    """Yield an object, its parent, the parent's parent, and so on."""
+    while obj is not None:
+        yield obj
+        obj = obj.parent
+
+
+def ego_above(obj: bpy.types.Object) -> bpy.types.Object | None:
+    """Return the ego vehicle that an object is, or is parented to; None where there is none."""
+    return next((above for above in with_parents(obj) if above.unisim.kind == "EGO"), None)
 
 
 def has_drive(scene: bpy.types.Scene) -> bool:
@@ -126,8 +127,7 @@ def as_imported(scene: bpy.types.Scene, kind: str, uid: str) -> bpy.types.Object
 def original_of(scene: bpy.types.Scene, kind: str, uid: str) -> bpy.types.Object | None:
     """Return the object that stands for what was imported with an id: the one that has the name which the import
     gave it, else, where that was renamed, the first by name. None where all were deleted."""
-    by_name = (obj for obj in imported_objects(scene, kind) if obj.unisim.uid == uid)
-    return as_imported(scene, kind, uid) or next(by_name, None)
+    return originals(scene, kind).get(uid)
 
 
 def originals(scene: bpy.types.Scene, kind: str) -> dict[str, bpy.types.Object]:
@@ -140,10 +140,15 @@ def originals(scene: bpy.types.Scene, kind: str) -> dict[str, bpy.types.Object]:
 
 
 def title_of(obj: bpy.types.Object) -> str:
-    """Return what a scenario calls an object that has no id of the log's. In a variant that is its name in the variant
-    that it was copied from, as long as it keeps the name that it got with the copy."""
+    """Return what a scenario calls an object that has no id of the log's: what `entitle` said, as long as the object keeps
+    the name that it had then, else its name."""
     about = obj.unisim
     return about.called if about.called and about.called_as == obj.name else obj.name
+
+
+def entitle(obj: bpy.types.Object, title: str) -> None:
+    """Let a scenario call an object ``title``, also where its name was taken in the file and Blender gave it another."""
+    obj.unisim.called, obj.unisim.called_as = title, obj.name
 
 
 def look_scene_of(obj: bpy.types.Object) -> str:
@@ -169,6 +174,21 @@ def new_actor(name: str, actor: Actor) -> bpy.types.Object:
     obj.rotation_mode, obj.show_wire = "QUATERNION", True
     obj.unisim.kind, obj.unisim.uid = "ACTOR", actor.appearance.actor
     return obj
+
+
+def add_actor(
+    scene: bpy.types.Scene, name: str, actor: Actor, look: str = "", look_scene: str = ""
+) -> bpy.types.Object:
+    """Return the same, in a scene, with the appearance of the actor ``look`` of the trained scene in a folder."""
+    obj = new_actor(name, actor)
+    collection_of(scene, "ACTOR").objects.link(obj)
+    obj.unisim.look, obj.unisim.look_scene = look, look_scene
+    return obj
+
+
+def stand_at(obj: bpy.types.Object, pose: FloatArray) -> None:
+    """Put an object at a pose (4, 4) in its parent's axes."""
+    obj.location, obj.rotation_quaternion, _ = Matrix(np.asarray(pose, float).tolist()).decompose()
 
 
 def box_mesh(size_m: FloatArray, label: str) -> bpy.types.Mesh:
@@ -250,7 +270,7 @@ def mark_static(scene: bpy.types.Scene, pose: FloatArray, size_m: FloatArray, ui
     obj = make(scene, "STATIC", uid, uid, box_mesh(size_m, STATIC_LABEL))
     obj.rotation_mode = "QUATERNION"
     obj.show_wire = True
-    obj.location, obj.rotation_quaternion, _ = Matrix(pose.tolist()).decompose()
+    stand_at(obj, pose)
     obj.unisim.model = json.dumps({"world_from_box": pose.tolist(), "size_m": np.asarray(size_m, float).tolist()})
     item = scene.unisim.static_items.add()
     item.name, item.model = uid, obj.unisim.model

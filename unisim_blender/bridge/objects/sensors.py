@@ -18,7 +18,7 @@ from ...editing.sampled.scene import rigid
 from ...editing.sensors.lenses import BlenderLens, lens_of, model_of_lens
 from ...editing.sensors.mounts import AHEAD, angles, turned_to
 from .animation import curves_of
-from .imported import imported_objects
+from .imported import ego_above, imported_objects
 
 ROTATION_PATHS = ("rotation_quaternion", "rotation_euler", "rotation_axis_angle")
 MIN_DISPLAY_SIZE_M = 0.01
@@ -62,10 +62,8 @@ def direction_of(obj: bpy.types.Object) -> tuple[float, float]:
 
 def base_of(obj: bpy.types.Object) -> FloatArray:
     """Return the axes (3, 3) of the vehicle that a sensor is mounted on; the world's where it is mounted on none."""
-    above = obj.parent
-    while above is not None and above.unisim.kind != "EGO":
-        above = above.parent
-    return np.eye(3) if above is None else rigid(np.array(above.matrix_world, float))[:3, :3]
+    ego = ego_above(obj)
+    return np.eye(3) if ego is None else rigid(np.array(ego.matrix_world, float))[:3, :3]
 
 
 def aim(obj: bpy.types.Object, yaw_rad: float, pitch_rad: float) -> None:

@@ -19,10 +19,10 @@ from bpy.app.handlers import persistent
 from ...core.geometry import BoolArray, FloatArray
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled, rigid, scaling_of
-from ..objects.animation import curves_of, keys_hide
+from ..objects.animation import curves_of, keys_hide, shown_by_keys
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects
 from ..objects.trajectories import keyed_pose, keyed_poses
-from ..window import areas
+from ..window import redraw, run_soon
 from .stepping import frame_of, sample
 
 BESIDE_SCENE = "UniSim beside"
@@ -66,11 +66,13 @@ def sample_now(
         if obj.name in stepped:
             if not obj.mesh and not scaling.fault:
                 scaling = scaling._replace(fault=stepped[obj.name].fault)
-            poses, there = _displaced(stepped[obj.name], obj.poses[0], bool(obj.there[0])), stepped[obj.name].there
+            poses, there = stepped[obj.name].poses, stepped[obj.name].there
+            if obj.there[0]:  # displaced as the pose now is by a change without a key; hidden objects are not evaluated
+                poses = obj.poses[0] @ np.linalg.inv(stepped[obj.name].now) @ poses
         else:
             poses = obj.poses[0] @ np.linalg.inv(keyed_pose(owner, now)) @ keyed_poses(owner, clock.frames)
-            hidden = [_hidden(owner, frame) for frame in clock.frames]
-            there = np.array([bool(obj.there[0]) if now_hidden is None else not now_hidden for now_hidden in hidden])
+            keyed = any(curve.data_path == "hide_viewport" for curve in curves_of(owner))
+            there = shown_by_keys(owner, clock.frames) if keyed else np.repeat(obj.there[:1], len(clock.frames))
         sampled.append(replace(obj, poses=rigid(poses), there=there & (not owner.hide_render), scaling=scaling))
     return replace(current, clock=clock, objects=tuple(sampled))
 
@@ -135,8 +137,7 @@ def evaluate_beside(
 def step_soon(scene: bpy.types.Scene, clock: Clock, also: Iterable[bpy.types.Object] = ()) -> None:
     """Have a timer evaluate what is `lacking`, and the views drawn again then."""
     _asked[scene.name] = clock, tuple(obj.name for obj in also)
-    if not bpy.app.timers.is_registered(_step_asked):
-        bpy.app.timers.register(_step_asked, first_interval=0.0)
+    run_soon(_step_asked)
 
 
 def _step_asked() -> float | None:
@@ -146,8 +147,7 @@ def _step_asked() -> float | None:
         if scene is not None and not step_beside(scene, clock, lacking(scene, clock, also)):
             return RETRY_S
         del _asked[name]
-    for area in areas("VIEW_3D"):
-        area.tag_redraw()
+    redraw("VIEW_3D")
     return None
 
 
@@ -168,20 +168,6 @@ def moved_by_keys(obj: bpy.types.Object) -> bool:
 def _known(scene: bpy.types.Scene, clock: Clock) -> dict[str, Stepped]:
     moment, stepped = _stepped.get(scene.name, (None, {}))
     return stepped if moment == (frame_of(scene), tuple(clock.frames)) else {}
-
-
-def _displaced(stepped: Stepped, now: FloatArray, there: bool) -> FloatArray:
-    """Poses (N, 4, 4), displaced as the pose now (4, 4) is by a change without a key. Hidden objects
-    are not evaluated."""
-    return now @ np.linalg.inv(stepped.now) @ stepped.poses if there else stepped.poses
-
-
-def _hidden(obj: bpy.types.Object, frame: float) -> bool | None:
-    """Whether keys hide an object at a frame; None where none do."""
-    for curve in curves_of(obj):
-        if curve.data_path == "hide_viewport":
-            return curve.evaluate(frame) > 0.5
-    return None
 
 
 @persistent

@@ -20,7 +20,7 @@ from ...editing.texts import unpacked
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects, skipped_sensors, source_of
 from .adjacent_frames import moved_by_keys
 from .from_keys import Sampler, evaluated
-from .stepping import shown_names, static_items
+from .stepping import refuse_stretching, shown_names, static_items
 
 GroupKey = tuple[str, str]
 """Group and id of what is read together."""
@@ -113,23 +113,20 @@ def read_steps(scene: bpy.types.Scene) -> Iterator[None]:
     try:
         source = source_of(scene)
         clock = Clock.of(source.drive)
-        if scene.render.frame_map_old != scene.render.frame_map_new:
-            raise UnisimError(
-                "Output > Frame Range > Time Stretching is set, so frames are not the log's: set both alike"
-            )
+        refuse_stretching(scene)
     except (UnisimError, OSError) as fault:
         reading.fail(str(fault))
         return
-    live = any(window.scene == scene for window in bpy.context.window_manager.windows)
-    sampler = Sampler(scene, clock, shown_names(scene.view_layers[0].layer_collection), live)
+    sampler = Sampler(scene, clock, shown_names(scene.view_layers[0].layer_collection))
     known: dict[GroupKey, tuple[object, tuple[EditLine, ...]]] = {}
+    marked = tuple((item.name, item.model) for item in scene.unisim.static_items)
     lines: list[EditLine] = []
     for key, group in _groups(scene, source.drive).items():
         signature = (
             tuple(sampler.signature(obj) for obj in group),
             clock.frames.tobytes(),
             str(source.scene_path),
-            _marked(scene, key),
+            marked if key[0] == "STATIC" else (),
         )
         before = reading.known.get(key)
         free = [obj for obj in group if not moved_by_keys(obj)]
@@ -171,10 +168,6 @@ def _groups(scene: bpy.types.Scene, drive: Drive) -> dict[GroupKey, list[bpy.typ
     if len(scene.unisim.static_items):
         groups.setdefault(("STATIC", ""), [])
     return groups
-
-
-def _marked(scene: bpy.types.Scene, key: GroupKey) -> object:
-    return tuple((item.name, item.model) for item in scene.unisim.static_items) if key[0] == "STATIC" else ()
 
 
 def _sampled(

@@ -4,31 +4,17 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from typing import Any
 
 import bpy
 import numpy as np
-from numpy.typing import NDArray
 
 from ..objects.animation import curves_of
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects
 from ..objects.meshes import size_of
+from .from_keys import DELTA_PROPERTIES, KEYABLE_PROPERTIES, LENS_PROPERTIES
 
-TRANSFORM_PROPERTIES = (
-    "location",
-    "rotation_mode",
-    "rotation_quaternion",
-    "rotation_euler",
-    "scale",
-    "delta_location",
-    "delta_rotation_quaternion",
-    "delta_rotation_euler",
-    "delta_scale",
-)
-"""Properties that place an object that is not animated."""
 UNISIM_PROPERTIES = ("kind", "uid", "look", "look_scene", "model", "mesh", "label")
 """Properties that say what an object of a drive represents."""
-LENS_PROPERTIES = ("lens", "shift_x", "shift_y", "sensor_width", "sensor_height", "sensor_fit", "type")
 
 
 def edit_state(scene: bpy.types.Scene) -> str:
@@ -40,7 +26,7 @@ def edit_state(scene: bpy.types.Scene) -> str:
         if obj.type == "MESH":
             said += np.round(size_of(obj), 5).tolist()
         if obj.type == "CAMERA":
-            said += [getattr(obj.data, name) for name in LENS_PROPERTIES]
+            said += [getattr(obj.data, name) for name in (*LENS_PROPERTIES, "type")]
         for part in (obj, *(obj.children_recursive if about.mesh else ())):
             said += _placed(part)
         digest.update(repr(said).encode())
@@ -61,25 +47,22 @@ def _placed(obj: bpy.types.Object) -> list[object]:
         kinds = np.empty(len(curve.keyframe_points), np.int32)
         curve.keyframe_points.foreach_get("co", points)
         curve.keyframe_points.foreach_get("interpolation", kinds)
-        said += [curve.data_path, curve.array_index, curve.mute, hash_of(points, kinds)]
+        keys = hashlib.blake2b(points.tobytes() + kinds.tobytes(), digest_size=8).hexdigest()
+        said += [curve.data_path, curve.array_index, curve.mute, keys]
     strips = [strip for track in data.nla_tracks for strip in track.strips] if data is not None else []
     said += [(s.name, s.frame_start, s.frame_end, s.scale, s.mute, s.action.name if s.action else "") for s in strips]
     if data is not None:
         animated |= {driver.data_path for driver in data.drivers}
     if not strips:
-        said += [(name, _plain(getattr(obj, name))) for name in TRANSFORM_PROPERTIES if name not in animated]
+        said += [
+            (name, _plain(getattr(obj, name)))
+            for name in ("rotation_mode", *KEYABLE_PROPERTIES, *DELTA_PROPERTIES)
+            if name not in animated
+        ]
     said += [(constraint.type, constraint.mute, constraint.influence) for constraint in obj.constraints]
     if obj.parent is not None:
         said += [obj.parent.name, *(_plain(row) for row in obj.matrix_parent_inverse)]
     return said
-
-
-def hash_of(*arrays: NDArray[Any]) -> str:
-    """Return a digest of arrays' bytes."""
-    digest = hashlib.blake2b(digest_size=8)
-    for array in arrays:
-        digest.update(array.tobytes())
-    return digest.hexdigest()
 
 
 def _plain(value: str | Iterable[float]) -> object:

@@ -19,7 +19,7 @@ from ...editing.motion.keys import SAME
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled, SampledObject, Scaling, rigid, scaling_of
 from ..objects.animation import curves_of, keyed_values
-from ..objects.imported import KINDS_OF_DRIVE, imported_objects, skipped_sensors, title_of
+from ..objects.imported import KINDS_OF_DRIVE, imported_objects, skipped_sensors, title_of, with_parents
 from ..objects.trajectories import local_poses, trajectory_of
 from .adjacent_frames import evaluate_beside, moved_by_keys
 from .stepping import completed, depsgraph_of, described, image_size, refuse_stretching, shown_names, static_items
@@ -53,10 +53,12 @@ StepsDone = tuple[int, int]
 
 class Sampler:
     """Samples objects of one scene at the frames of ``clock``. ``shown`` are the names of objects in rendered
-    collections; ``live``: whether the scene is in a window, so that changes without a key can be read."""
+    collections; ``live``: whether changes without a key are read, too, by default where the scene is in a window."""
 
-    def __init__(self, scene: bpy.types.Scene, clock: Clock, shown: set[str], live: bool) -> None:
-        self.scene, self.clock, self.shown, self.live = scene, clock, shown, live
+    def __init__(self, scene: bpy.types.Scene, clock: Clock, shown: set[str], live: bool | None = None) -> None:
+        self.scene, self.clock, self.shown = scene, clock, shown
+        windows = bpy.context.window_manager.windows
+        self.live = any(window.scene == scene for window in windows) if live is None else live
         self._matrices: dict[str, FloatArray] = {}
         self._signatures: dict[str, tuple[object, ...]] = {}
 
@@ -108,7 +110,7 @@ class Sampler:
                 tuple(self._pending(obj).ravel().round(6).tolist()),
                 obj.name in self.shown,
                 moved_by_keys(obj),
-                _lens(obj),
+                tuple(getattr(obj.data, name) for name in LENS_PROPERTIES if obj.type == "CAMERA"),
             )
             self._signatures[obj.name] = own if obj.parent is None else (*own, hash(self.signature(obj.parent)))
         return self._signatures[obj.name]
@@ -178,10 +180,6 @@ def _curve_state(curve: bpy.types.FCurve) -> tuple[object, ...]:
     return (*state, hash((*parts, interpolations.tobytes())))
 
 
-def _lens(obj: bpy.types.Object) -> tuple[object, ...]:
-    return tuple(getattr(obj.data, name) for name in LENS_PROPERTIES) if obj.type == "CAMERA" else ()
-
-
 def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[StepsDone, None, Sampled]:
     """Return, after some steps, the scene's objects at all of the clock's frames.
 
@@ -201,8 +199,7 @@ def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[StepsDone, N
         yield (done := done + 1), total
     shown = scene == bpy.context.scene
     layer = bpy.context.view_layer if shown else scene.view_layers[0]
-    live = any(window.scene == scene for window in bpy.context.window_manager.windows)
-    sampler = Sampler(scene, clock, shown_names(layer.layer_collection), live)
+    sampler = Sampler(scene, clock, shown_names(layer.layer_collection))
     sampled = []
     for obj in objects:
         sampled.append(completed(sampler.sample(obj, *beside.get(obj.name, ())), obj, lambda: depsgraph_of(scene)))
@@ -213,8 +210,7 @@ def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[StepsDone, N
 def by_keys_alone(obj: bpy.types.Object) -> bool:
     """Return whether `Sampler` finds an object where Blender evaluates it: no deltas of the scale, no muted curves, and
     no parent whose path moves what is parented to it."""
-    above: bpy.types.Object | None = obj
-    while above is not None:
+    for above in with_parents(obj):
         muted = any(curve.mute or (curve.group is not None and curve.group.mute) for curve in curves_of(above))
         deltas = any(curve.data_path.startswith("delta_") for curve in curves_of(above))
         if (
@@ -224,5 +220,4 @@ def by_keys_alone(obj: bpy.types.Object) -> bool:
             or (above is not obj and above.type == "CURVE")
         ):
             return False
-        above = above.parent
     return moved_by_keys(obj)

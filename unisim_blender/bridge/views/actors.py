@@ -88,7 +88,8 @@ def card_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> Acto
     label = class_of(obj, drive)
     return ActorCard(
         obj.name, label, role_of(scene, obj, drive), speed_at(obj, clock, scene.frame_current_final), apart,
-        present_span(shown_by_keys(obj, clock.frames), clock), size_of_card(obj),
+        present_span(shown_by_keys(obj, clock.frames), clock),
+        size_words(size_of(obj).tolist(), UNIT if obj.unisim.mesh else scale_of(obj)),
     )  # fmt: skip
 
 
@@ -99,11 +100,6 @@ def speed_at(obj: bpy.types.Object, clock: Clock, frame: float) -> float:
     frames, times_s = clock.frames[near], clock.times_s[near]
     speeds = motion_of(keyed_poses(obj, frames)[:, :3, 3], times_s, there_of(obj, frames)).speed_m_s
     return float(speeds[np.flatnonzero(times_s == now)[0]])
-
-
-def size_of_card(obj: bpy.types.Object) -> str:
-    """Return how large an actor is drawn, and by what it is scaled, in words."""
-    return size_words(size_of(obj).tolist(), UNIT if obj.unisim.mesh else scale_of(obj))
 
 
 def role_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import uuid
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import bpy
 import numpy as np
@@ -18,12 +18,6 @@ MAX_CELLS = 400_000
 KINDS = (RECORDED, SIMULATED, *DROPS.values())
 ABOUT_KEY = "unisim_sweep"
 """A mesh's custom property: the classes that its points' attribute counts, and the frame, as JSON."""
-
-
-def put_sweeps(scene: bpy.types.Scene, sweeps: Iterable[ViewedSweep]) -> None:
-    """Show sweeps in place of those that were shown of the same LiDARs and kinds."""
-    for sweep in sweeps:
-        put_sweep(scene, sweep)
 
 
 def put_sweep(scene: bpy.types.Scene, sweep: ViewedSweep) -> bpy.types.Object:

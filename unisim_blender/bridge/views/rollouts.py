@@ -3,14 +3,13 @@ no view waits."""
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import bpy
 import numpy as np
 
-from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
 from ...core.world.drive import Drive
 from ...editing.layout.trails import TrailSegments, ghost_lines, joined, path_lines, plan_lines, vehicle_boxes
@@ -20,36 +19,34 @@ from ...editing.simulation.rollouts import RolloutEvent, RolloutTimes, read_roll
 from ...editing.simulation.stated import vehicle_parameters
 from ..objects.imported import imported_objects, originals
 from ..objects.settings import rollout_folder
-from ..window import areas
+from ..window import redraw, run_soon
 
 POLL_S = 0.1
 
-_read: dict[Path, RolloutTimes | None] = {}
-"""Rollouts by folder; None while one is read, and where it cannot be."""
-_readers: list[threading.Thread] = []
+_read: dict[Path, Future[RolloutTimes]] = {}
+"""Rollouts by folder."""
+_reader = ThreadPoolExecutor(1, "unisim-rollouts")
 MARKER_PREFIX = "UniSim "
 """Prefix of the names of markers that stand for a rollout's moments."""
 
 
 def keep_rollout(folder: Path, rollout: RolloutTimes) -> None:
     """Keep a rollout that was read."""
-    _read[folder] = rollout
+    _read[folder] = Future()
+    _read[folder].set_result(rollout)
 
 
 def rollout_of(scene: bpy.types.Scene) -> RolloutTimes | None:
-    """Return the rollout that a scene was opened from; None for any other scene, and until a thread has read it: views are then
-    drawn again."""
+    """Return the rollout that a scene was opened from; None for any other scene, one that was moved or deleted, and until a
+    thread has read it: views are then drawn again."""
     folder = rollout_folder(scene)
     if folder is None:
         return None
     if folder not in _read:
-        _read[folder] = None
-        thread = threading.Thread(target=_load, args=(folder,), daemon=True)
-        _readers.append(thread)
-        thread.start()
-        if not bpy.app.timers.is_registered(_look):
-            bpy.app.timers.register(_look, first_interval=POLL_S)
-    return _read[folder]
+        _read[folder] = _reader.submit(read_rollout, folder)
+        run_soon(_look, POLL_S)
+    read = _read[folder]
+    return read.result() if read.done() and read.exception() is None else None
 
 
 def forget() -> None:
@@ -57,20 +54,11 @@ def forget() -> None:
     _read.clear()
 
 
-def _load(folder: Path) -> None:
-    try:
-        _read[folder] = read_rollout(folder)
-    except UnisimError:  # it was moved or deleted: the objects are there without it
-        return
-
-
 def _look() -> float | None:
-    """Draw the views again once threads have ended; a timer of Blender's."""
-    if any(thread.is_alive() for thread in _readers):
+    """Draw the views again once all rollouts are read; a timer of Blender's."""
+    if not all(read.done() for read in _read.values()):
         return POLL_S
-    _readers.clear()
-    for area in areas("VIEW_3D"):
-        area.tag_redraw()
+    redraw("VIEW_3D")
     return None
 
 

@@ -115,10 +115,7 @@ STEPS = 28
 GRAZING = 0.25
 """Smallest cosine between a face's normal and the line of sight at which the face is used."""
 
-BANDS = {
-    "car": (-0.10, 0.10),
-    "truck": (-0.05, 0.38),
-}
+BANDS = {"car": (-0.10, 0.10), "truck": (-0.05, 0.38)}
 """Heights of the panels, as fractions of the box's height from its middle: above tyres, below windows."""
 LEAST_SCORE = 9.0
 """Smallest score of a view from which a colour is determined; an uncovered car of 60 pixels' width has some 40."""

@@ -30,11 +30,7 @@ def repeat_command(unit: Unit, store: Store, scenario: str) -> str:
 
 
 def repeat_words(
-    scenario: str,
-    options: RenderOptions,
-    driver: str | None,
-    seed: int | None = None,
-    formats: Collection[str] = (),
+    scenario: str, options: RenderOptions, driver: str | None, seed: int | None = None, formats: Collection[str] = ()
 ) -> list[str]:
     """Return the words of a command that renders a scenario, or drives through it, as a batch with these options does: what
     follows `unisim`, without the folder to write. The second one is ``scenario``. ``formats`` are those of whole runs."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import OutputError
-from ..export.formats import RUN_FORMATS, check_sequence_formats, rendered_drive
+from ..export.formats import RUN_FORMATS, check_formats, rendered_drive
 from ..json_file import json_bytes
 from ..memo import memo_scope
 from ..output.frame_files import labels_digest
@@ -245,7 +245,7 @@ def _formats(job: BatchJob, plan: RenderPlan, scenario: Scenario, asked: Collect
             if name not in RUN_FORMATS:
                 raise OutputError(f"--format {name}: of rollouts there are {', '.join(RUN_FORMATS)}")
         wanted = tuple(name for name in wanted if name in RUN_FORMATS)
-    check_sequence_formats(wanted, plan.settings, scenario.path)
+    check_formats(wanted, plan.settings, scenario.path)
     if "pandaset" in wanted:
         rendered_drive(plan)  # which tells of captures that make no log
     return wanted

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from functools import cached_property
@@ -71,40 +72,20 @@ class Store:
 
     def sizes(self, prefix: str = "") -> dict[str, int]:
         """Return the sizes, in bytes, of all objects below a prefix, by their names. Raises `OutputError`."""
-        root = str(self._file_system[1]).rstrip("/")
-
-        def sizes(fs: Any, path: str) -> dict[str, int]:
-            try:
-                objects = fs.find(path, detail=True)
-            except FileNotFoundError:
-                return {}
-            return {name[len(root) :].lstrip("/"): int(info["size"]) for name, info in objects.items()}
-
-        return self._tried(prefix, "listed", sizes)
+        return {name: int(info["size"]) for name, info in self._listed(prefix).items()}
 
     def times(self, prefix: str = "") -> dict[str, float]:
         """Return when the objects below a prefix were written, in seconds since 1970 by the store's clock; of a store that keeps
         no times, nothing. Raises `OutputError`."""
-        root = str(self._file_system[1]).rstrip("/")
-
-        def times(fs: Any, path: str) -> dict[str, float]:
-            try:
-                objects = fs.find(path, detail=True)
-            except FileNotFoundError:
-                return {}
-            written = {name[len(root) :].lstrip("/"): _written_s(info) for name, info in objects.items()}
-            return {name: time_s for name, time_s in written.items() if time_s is not None}
-
-        return self._tried(prefix, "listed", times)
+        written = {name: _written_s(info) for name, info in self._listed(prefix).items()}
+        return {name: time_s for name, time_s in written.items() if time_s is not None}
 
     def remove(self, name: str) -> None:
         """Remove an object that may be there. Raises `OutputError`."""
 
         def remove(fs: Any, path: str) -> None:
-            try:
+            with suppress(FileNotFoundError):
                 fs.rm_file(path)
-            except FileNotFoundError:
-                return
 
         self._tried(name, "removed", remove)
 
@@ -114,6 +95,17 @@ class Store:
         if sizes.get(name) != size:
             return False
         return self.folder is None or hashlib.sha256((self.folder / name).read_bytes()).hexdigest() == digest
+
+    def _listed(self, prefix: str) -> dict[str, dict[str, Any]]:
+        """Return what the file system tells of all objects below a prefix, by their names."""
+        root = str(self._file_system[1]).rstrip("/")
+
+        def listed(fs: Any, path: str) -> dict[str, dict[str, Any]]:
+            with suppress(FileNotFoundError):
+                return {name[len(root) :].lstrip("/"): info for name, info in fs.find(path, detail=True).items()}
+            return {}
+
+        return self._tried(prefix, "listed", listed)
 
     def _tried(self, name: str, done: str, request: Callable[[Any, str], Result]) -> Result:
         fs, root = self._file_system

@@ -35,7 +35,6 @@ class LazyGroup(click.Group):
     """A group of the modules of ``cli.commands`` and of other packages' entry points, each imported when it is asked for."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names of all commands, sorted."""
         return sorted({*_modules(), *(entry.name for entry in entries(GROUP))})
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:

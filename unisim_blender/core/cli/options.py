@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
+from click.decorators import FC
 
 from ..prepare.scenario_plan import RenderOptions
 from ..prepare.selection import split_names
 from ..remote.requests import is_url
 from ..render.quality import QUALITIES
 from ..scenes.recipe import pick_device
+
+PATH = click.Path(path_type=Path)
+QUALITY = click.Choice(list(QUALITIES))
 
 
 class SourceParam(click.Path):
@@ -26,55 +30,48 @@ class SourceParam(click.Path):
         return value if is_url(value) else super().convert(value, param, ctx)
 
 
+def out_option(about: str = "Folder to write; it must be empty or not be there.") -> Callable[[FC], FC]:
+    """Return the option that names what a command writes."""
+    return click.option("--out", required=True, type=PATH, help=about)
+
+
 def render_options(
     owner: str,
     renderers: Sequence[str] | None = None,
     width: str = "Width of the images.",
     renderer: str = "As of `unisim render`.",
     scene: str = "",
+    without: Collection[str] = (),
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator that gives a command the options of what it renders, and how, as one argument ``options``: a
     `RenderOptions`.
 
     The help says that ``owner`` has the defaults: "the scenario's". ``width``, ``renderer`` and ``scene`` are the help of the
-    options of these names; ``renderers`` are the names that are taken, None for any.
+    options of these names; ``renderers`` are the names that are taken, None for any; options ``without`` are left out.
     """
     kind: dict[str, Any] = {"metavar": "NAME"} if renderers is None else {"type": click.Choice(list(renderers))}
-    shared = (
-        click.option("--sensors", metavar="A,B", help=f"Cameras and LiDARs by name. [default: all of {owner}]"),
-        click.option("--width", type=click.IntRange(min=8), help=f"{width} [default: the cameras' own]"),
-        click.option(
-            "--quality", type=click.Choice(list(QUALITIES)), help=f"Samples per ray. [default: {owner}, or balanced]"
+    every = {
+        "sensors": click.option(
+            "--sensors", metavar="A,B", help=f"Cameras and LiDARs by name. [default: all of {owner}]"
         ),
-        click.option("--renderer", help=renderer, **kind),
-        click.option("--scene", type=SourceParam(), help=f"A trained scene, in place of {scene or owner}."),
-        click.option(
-            "--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is."
+        "width": click.option("--width", type=click.IntRange(min=8), help=f"{width} [default: the cameras' own]"),
+        "quality": click.option("--quality", type=QUALITY, help=f"Samples per ray. [default: {owner}, or balanced]"),
+        "renderer": click.option("--renderer", help=renderer, **kind),
+        "scene": click.option("--scene", type=SourceParam(), help=f"A trained scene, in place of {scene or owner}."),
+        "device": click.option(
+            "--device", default="cpu", show_default=True, help="cpu, cuda, cuda:1, mps, or auto for the best there is."
         ),
-    )
+    }
+    shared = {name: option for name, option in every.items() if name not in without}
 
     def decorate(function: Callable[..., None]) -> Callable[..., None]:
         @functools.wraps(function)
-        def command(
-            sensors: str | None,
-            width: int | None,
-            quality: str | None,
-            renderer: str | None,
-            scene: Path | str | None,
-            device: str,
-            **others: Any,
-        ) -> None:
-            options = RenderOptions(
-                sensors=split_names(sensors),
-                width=width,
-                quality=quality,
-                device=pick_device(device),
-                renderer=renderer,
-                scene=scene,
-            )
-            function(options=options, **others)
+        def command(**given: Any) -> None:
+            own = {name: given.pop(name) for name in shared}
+            own |= {"sensors": split_names(own["sensors"]), "device": pick_device(own["device"])}
+            function(options=RenderOptions(**own), **given)
 
-        for option in reversed(shared):
+        for option in reversed(shared.values()):
             command = option(command)
         return command
 

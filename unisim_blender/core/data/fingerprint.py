@@ -377,15 +377,11 @@ class AlignedLog:
         def times(own: dict[int, float]) -> dict[int, float]:
             return {frame: time + self._later_s for frame, time in own.items()}
 
-        def camera(own: Camera) -> Camera:
-            readouts = own.readouts and replace(own.readouts, times_s=own.readouts.times_s + self._later_s)
-            return replace(
-                own, world_from_camera=track(own.world_from_camera), time_s=times(own.time_s), readouts=readouts
-            )
-
-        def lidar(own: Lidar) -> Lidar:
-            phase = own.phase and replace(own.phase, times_s=own.phase.times_s + self._later_s)
-            return replace(own, world_from_lidar=track(own.world_from_lidar), time_s=times(own.time_s), phase=phase)
+        def sensor(own: Camera | Lidar) -> Camera | Lidar:
+            name = "readouts" if isinstance(own, Camera) else "phase"
+            stamped = getattr(own, name)
+            stamped = stamped and replace(stamped, times_s=stamped.times_s + self._later_s)
+            return replace(own.along(track(own.trajectory)), time_s=times(own.time_s), **{name: stamped})
 
         actors = {
             uid: replace(
@@ -397,11 +393,9 @@ class AlignedLog:
             for uid, actor in drive.actors.items()
         }
         return replace(
-            drive,
+            drive.with_sensors(sensor),
             time_s=times(drive.time_s),
             world_from_ego=track(drive.world_from_ego),
-            cameras={name: camera(own) for name, own in drive.cameras.items()},
-            lidars={name: lidar(own) for name, own in drive.lidars.items()},
             actors=actors,
             world_origin=world_origin,
         )

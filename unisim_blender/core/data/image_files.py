@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Literal
 
-from ..errors import LogError, in_a_line
+from ..errors import LogError, in_a_line, refused
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", ".ppm", ".pgm", ".jp2", ".avif")
 """Suffixes of files that are taken for images, in any case of letters; a layout's own suffix comes before these."""
@@ -33,7 +33,6 @@ class Notes(dict[str, str]):
     """Notes for a log's user from reading it: one sentence a matter, the first one."""
 
     def say(self, matter: str, sentence: str) -> None:
-        """Note a sentence, unless there is one of the matter."""
         self.setdefault(matter, sentence)
 
 
@@ -50,7 +49,6 @@ class ImageHeader:
 
     @property
     def stored(self) -> tuple[int, int]:
-        """Width and height as stored."""
         return self.width, self.height
 
     @property
@@ -71,18 +69,18 @@ class ImageHeader:
 def image_header(source: Path | bytes, where: str = "") -> ImageHeader:
     """Return the header of an image's file or of its bytes, which ``where`` names. Raises `LogError`."""
     where = where or str(source)
-    try:
-        with io.BytesIO(source) if isinstance(source, bytes) else source.open("rb") as stream:
-            begin = stream.read(8)
-            if begin[:2] == b"\xff\xd8":
-                stream.seek(2)
-                header = _jpeg(stream, where)
-            elif begin == PNG_BEGINS:
-                header = _png(stream, where)
-            else:
-                header = _other(stream, source, where)
-    except OSError as error:
-        raise LogError(f"{where}: cannot be read ({error.strerror})") from error
+    with (
+        refused(where, "read", LogError),
+        io.BytesIO(source) if isinstance(source, bytes) else source.open("rb") as stream,
+    ):
+        begin = stream.read(8)
+        if begin[:2] == b"\xff\xd8":
+            stream.seek(2)
+            header = _jpeg(stream, where)
+        elif begin == PNG_BEGINS:
+            header = _png(stream, where)
+        else:
+            header = _other(stream, source, where)
     if not (0 < header.width < MAX_SIDE and 0 < header.height < MAX_SIDE):
         raise LogError(f"{where}: has {header.width}x{header.height} pixels")
     return header
@@ -93,10 +91,8 @@ def files_by_stem(folder: Path, suffixes: Iterable[str], notes: Notes | None = N
     sorted. Of several of one stem the one with the first suffix is taken, and noted. Empty where there is no folder;
     raises `LogError` where it cannot be read."""
     order = {suffix: rank for rank, suffix in reversed(list(enumerate(suffixes)))}
-    try:
+    with refused(folder, "read", LogError):
         paths = sorted(folder.iterdir()) if folder.is_dir() else []
-    except OSError as error:
-        raise LogError(f"{folder}: cannot be read ({error.strerror})") from error
     by_stem: dict[str, tuple[int, Path]] = {}
     for path in paths:
         name = path.name.lower()

@@ -12,6 +12,7 @@ from PIL import Image, ImageCms, ImageOps, UnidentifiedImageError
 
 from ..errors import LogError, in_a_line
 from ..geometry import BoolArray
+from ..json_file import read_bytes
 from ..sensors.unprojection import image_mask
 from ..world.drive import CameraModel
 from .image_files import UPRIGHT, ImageHeader, Notes, image_header
@@ -178,10 +179,7 @@ def encoded_image(log: Log, camera: str, frame: int) -> NDArray[np.uint8] | byte
         path = log.image_path(camera, frame)
         if path is None:
             return log.image(camera, frame)
-        try:
-            content = path.read_bytes()
-        except OSError as fault:
-            raise LogError(f"{path}: cannot be read ({fault.strerror})") from fault
+        content = read_bytes(path, LogError)
     if content.startswith(tuple(SIGNATURES)) and image_header(content, f"{log.path}: {camera}: image {frame}").plain:
         return content
     return log.image(camera, frame)

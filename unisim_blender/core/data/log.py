@@ -117,27 +117,21 @@ class Log(Protocol):
 
     def image_frames(self, camera: str) -> tuple[int, ...]:
         """Frames of which the camera has an image."""
-        ...
 
     def sweep_frames(self, lidar: str) -> tuple[int, ...]:
         """Frames of which the LiDAR has a sweep."""
-        ...
 
     def image_path(self, camera: str, frame: int) -> Path | None:
         """Return the file of the recorded image; None where there is none."""
-        ...
 
     def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
         """Return the recorded image (H, W, 3), sRGB."""
-        ...
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
         """Return the recorded returns."""
-        ...
 
     def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
         """Return the recorded sweep as beams x columns, with drops."""
-        ...
 
 
 def no_mask(camera: str) -> NDArray[np.bool_] | None:

@@ -45,15 +45,12 @@ class Truth(Protocol):
 
     def images(self, camera: str, frame: int) -> TrueImages:
         """Return what a camera sees. Raises `UnisimError`."""
-        ...
 
     def sweep(self, version: Version, lidar: str, frame: int) -> LidarFrame | None:
         """Return what a LiDAR sees, with exact ranges; None of a recorded drive that has no such LiDAR."""
-        ...
 
     def drive(self, version: Version) -> Drive:
         """Return the drive, as edited or as recorded."""
-        ...
 
 
 class DrawableTruth(Truth, Protocol):
@@ -61,7 +58,6 @@ class DrawableTruth(Truth, Protocol):
 
     def draw(self, scenario: Path, frames: tuple[int, ...], cameras: tuple[str, ...]) -> None:
         """Draw the images of a scenario that are missing and take long. Raises `UnisimError`."""
-        ...
 
 
 class KnownLog(Protocol):
@@ -70,23 +66,19 @@ class KnownLog(Protocol):
     @property
     def name(self) -> str:
         """The name of its drive."""
-        ...
 
     @property
     def recipe(self) -> dict[str, Any]:
         """All that the truth depends on, as JSON has it."""
-        ...
 
     def truth(
         self, prepared: PreparedScenario, frames: tuple[int, ...], cameras: tuple[str, ...], width: int | None
     ) -> DrawableTruth:
         """Return the truth of a scenario that was prepared with the log's own poses, images ``width`` pixels wide;
         ``frames`` and ``cameras`` count as seen. Raises `UnisimError`."""
-        ...
 
     def usual_edits(self, out: Path) -> tuple[Path, ...]:
         """Return the scenarios that are compared where none are named, written below ``out`` if the log has none."""
-        ...
 
 
 class KnownLogs(Protocol):
@@ -95,15 +87,12 @@ class KnownLogs(Protocol):
     @property
     def name(self) -> str:
         """Name of the kind."""
-        ...
 
     def recognises(self, path: Path) -> bool:
         """Return whether a folder holds such a log."""
-        ...
 
     def open(self, path: Path) -> KnownLog:
         """Return the log of a folder. Raises `UnisimError`."""
-        ...
 
 
 GROUND_TRUTHS: Registry[KnownLogs] = Registry(

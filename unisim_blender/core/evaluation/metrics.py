@@ -77,10 +77,7 @@ def chamfer(rendered: FloatArray, recorded: FloatArray) -> dict[str, float]:
     forward, _ = cKDTree(recorded).query(rendered)
     backward, _ = cKDTree(rendered).query(recorded)
     squares = float(np.sum(forward**2) + np.sum(backward**2))
-    return {
-        "chamfer_m": float(np.mean(forward) + np.mean(backward)) / 2,
-        "chamfer_squared_m2": squares / len(recorded),
-    }
+    return {"chamfer_m": float(np.mean(forward) + np.mean(backward)) / 2, "chamfer_squared_m2": squares / len(recorded)}
 
 
 def mean_of(frames: list[dict[str, Any]], name: str) -> float | None:

@@ -44,11 +44,9 @@ class RayRenderer(Protocol):
         self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None
     ) -> CameraFrame:
         """Render the image of a frame of the log, ``width`` pixels wide (None: as recorded)."""
-        ...
 
     def rays_lidar(self, origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> RayResults:
         """Render LiDAR rays (N, 3), (N, 3), world frame, at times (N,)."""
-        ...
 
 
 class TimedRenderer:
@@ -236,11 +234,7 @@ def _camera_frame(
     actors = log.drive.actors.values()
     moving = actor_mask(camera, frame, (actor for actor in actors if actor.is_moving))
     inside = moving | actor_mask(camera, frame, (actor for actor in actors if not actor.is_moving))
-    masks = {
-        "actors": inside,
-        "moving_actors": moving,
-        "outside_actors": ~inside,
-    }
+    masks = {"actors": inside, "moving_actors": moving, "outside_actors": ~inside}
     shown = shown_pixels(log.drive.cameras[name].model, camera.model)
     scene = scene_mask(plan, name, camera.model, shown)
     if scene is not None:

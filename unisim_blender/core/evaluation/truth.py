@@ -49,7 +49,6 @@ class EditRegions:
         return self.edited | self.shadow
 
     def masks(self) -> dict[str, BoolArray]:
-        """A mask for each of `REGIONS`."""
         changed = self.changed
         return {
             "edited": changed,

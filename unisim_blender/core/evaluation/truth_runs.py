@@ -66,12 +66,7 @@ def evaluate_scenarios(
 
 @holds_out
 def evaluate_scenario(
-    log_path: Path,
-    scenario: Path,
-    out: Path,
-    options: EvaluationOptions,
-    progress: Progress,
-    scene: Path | None = None,
+    log_path: Path, scenario: Path, out: Path, options: EvaluationOptions, progress: Progress, scene: Path | None = None
 ) -> dict[str, Any]:
     """Compare one scenario with the truth of its edits and write ``out``; the metrics without those
     of single frames."""

@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Any, Generic, Protocol, TypeVar
 
-from ..processes import THREAD_VARIABLES, end_with_parent
+from ..processes import THREAD_VARIABLES, WORKER_VARIABLE, end_with_parent
 from .executor import (
     MAX_LOSSES,
     MakeFunction,
@@ -80,21 +80,17 @@ PREPARING = -1
 class Pool(Protocol[WorkerT]):
     """Workers as `dispatch` sees them."""
 
-    def start(self) -> WorkerT:
-        """Start a worker; its first outcome has the index `PREPARING`."""
-        ...
+    def start(self, number: int) -> WorkerT:
+        """Start a worker of this number; its first outcome has the index `PREPARING`."""
 
     def send(self, worker: WorkerT, index: int, unit: Any) -> None:
         """Give a worker a unit. One that is gone is told by `finished`."""
-        ...
 
     def finished(self, busy: Sequence[WorkerT]) -> Iterable[tuple[WorkerT, Outcome[Any] | None]]:
         """Wait, and return the workers that have an outcome; None of one that is lost."""
-        ...
 
     def end(self, worker: WorkerT) -> None:
         """End a worker at once, and wait until it is gone."""
-        ...
 
 
 def dispatch(
@@ -150,7 +146,7 @@ class _Workers(Generic[WorkerT]):
         self.queue = SceneQueue(self.scenes)
 
     def start(self, number: int) -> None:
-        self.states[self.pool.start()] = _State(number)
+        self.states[self.pool.start(number)] = _State(number)
         self.on_worker(WorkerState(number, "starting"))
 
     def busy(self) -> list[WorkerT]:
@@ -245,10 +241,10 @@ class _Worker:
 class _Pool:
     make: MakeFunction[Any, Any]
 
-    def start(self) -> _Worker:
+    def start(self, number: int) -> _Worker:
         context = multiprocessing.get_context("spawn")  # a forked child would keep the parent's threads' locks
         own, theirs = context.Pipe()
-        process = context.Process(target=_serve, args=(theirs, self.make), daemon=True)
+        process = context.Process(target=_serve, args=(theirs, self.make, number), daemon=True)
         process.start()
         theirs.close()
         return _Worker(process, own)
@@ -274,12 +270,13 @@ class _Pool:
         worker.process.join()
 
 
-def _serve(connection: Connection, make: MakeFunction[Any, Any]) -> None:
+def _serve(connection: Connection, make: MakeFunction[Any, Any], number: int) -> None:
     """Make the function and run the units that come, until nobody sends any."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
     end_with_parent()
     for name in THREAD_VARIABLES:
         os.environ[name] = "1"  # for libraries that are imported from here on
+    os.environ[WORKER_VARIABLE] = str(number)
     prepared = attempt(PREPARING, make)
     connection.send(Outcome(PREPARING, error=prepared.error, details=prepared.details))
     while prepared.result is not None:

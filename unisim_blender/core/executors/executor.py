@@ -63,7 +63,6 @@ class Outcome(Generic[ResultT]):
     details: str = ""
 
     def get(self) -> ResultT:
-        """Return the result, or raise the error."""
         if self.error is not None:
             raise self.error from (WorkerTraceback(self.details) if self.details else self.error.__cause__)
         return self.result  # type: ignore[return-value]  # None only where a unit's result is
@@ -95,7 +94,6 @@ class Executor(Protocol):
         worker is ended from outside is run again, `MAX_LOSSES` times at most. ``make`` is not called where there are no
         units; what it raises is raised here. ``on_worker`` is called here as workers begin something else.
         """
-        ...
 
 
 def attempt(index: int, function: Callable[..., ResultT], *arguments: Any) -> Outcome[ResultT]:

@@ -282,7 +282,7 @@ class _Pool:
             runtime_env={"env_vars": {**dict.fromkeys(THREAD_VARIABLES, "1"), **_instruction_set()}},
         )  # fmt: skip
 
-    def start(self) -> _Worker:
+    def start(self, number: int) -> _Worker:
         actor = self.actor.remote()
         return _Worker(actor, actor.make.remote(self.make_reference))
 

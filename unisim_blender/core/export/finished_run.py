@@ -169,19 +169,14 @@ class FinishedRun:
         times: dict[str, list[float]] = {}
         for entry in self._entries:
             times.setdefault(entry.sensor_id, []).append(entry.time_ns / SECOND_NS)
-        mounts = {}
+        mounts, sensors = {}, self.drive.sensors
         for name, captured in times.items():
-            camera, lidar = self.drive.cameras.get(name), self.drive.lidars.get(name)
-            if camera is not None:
-                track = camera.world_from_camera
-            elif lidar is not None:
-                track = lidar.world_from_lidar
-            else:
+            if name not in sensors:
                 continue
             # one that is there once may be anywhere
             every = captured if len(captured) > 1 else sorted({entry.time_ns / SECOND_NS for entry in self._entries})
             at = np.array(every)
-            mount = mean_pose(invert_pose(self.drive.world_from_ego.at(at)) @ track.at(at))
+            mount = mean_pose(invert_pose(self.drive.world_from_ego.at(at)) @ sensors[name].trajectory.at(at))
             if mount[1] <= STEADY_M and mount[2] <= STEADY_RAD:
                 mounts[name] = mount
         return mounts

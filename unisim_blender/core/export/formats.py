@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..errors import OutputError
 from ..formats.coco import COCO
 from ..formats.common.messages import RunFormat
 from ..formats.mcap.write import MCAP
+from ..formats.pandaset.write import PandasetWriter
+from ..formats.rendered import camera_path, lidar_path, read_image, read_sweep
 from ..formats.rosbag.write import ROSBAG
 from ..prepare.scenario_plan import sequence_formats
-from ..sequence.plan import SequenceSettings
+from ..sequence.plan import RenderPlan, SequenceSettings
+from ..world.captures import Moment
+from ..world.drive import Camera, Drive, Lidar
 from .finished_run import FinishedRun
 
 if TYPE_CHECKING:  # a sequence's formats need no simulation
     from ..simulation.rollout.setup import OpenedScenario
-from collections.abc import Sequence
-from dataclasses import replace
-from typing import NamedTuple
-
-from ..formats.pandaset.write import PandasetWriter
-from ..formats.rendered import camera_path, lidar_path, read_image, read_sweep
-from ..sequence.plan import RenderPlan
-from ..world.captures import Moment
-from ..world.drive import Camera, Drive, Lidar
 
 LOG_FOLDER = "pandaset"
 
@@ -40,21 +34,6 @@ class SequenceFormat(NamedTuple):
     needs: tuple[str, ...]
     write: Callable[[RenderPlan, Path], object]
     modules: tuple[str, ...] = ()
-
-
-def check_sequence_formats(names: Iterable[str], settings: SequenceSettings, place: Path | str) -> None:
-    """Check that formats can be written of what is going to be rendered of the scenario at ``place``. Raises `OutputError` where
-    files of frames would be missing, ModuleNotFoundError where a package is."""
-    names = tuple(names)
-    check_run_formats(names, settings, place)
-    for name in names:
-        for module in WRITERS[name].modules if name in WRITERS else ():
-            import_module(module)
-        for need in WRITERS[name].needs if name in WRITERS else ():
-            if need not in settings.formats and getattr(settings, SENSORS[need]):
-                raise OutputError(
-                    f"{place}: the format {name} is made of {need} files, and the scenario's formats lack them"
-                )
 
 
 def write_sequence(name: str, plan: RenderPlan, out: Path, images: Mapping[str, str] | None = None) -> None:
@@ -72,12 +51,7 @@ def write_rendered_log(plan: RenderPlan, out: Path) -> Path:
     It is made of the captures' PNG and NPZ files, so both must have been written. Moments that are not all frames of
     the log are counted from 0.
     """
-    settings = plan.settings
-    for suffix, sensors in (("png", settings.cameras), ("npz", settings.lidars)):
-        if sensors and suffix not in settings.formats:
-            raise OutputError(
-                f"{out}: a log in PandaSet's layout is made of {suffix} files, and the scenario's formats lack them"
-            )
+    check_formats(("pandaset",), plan.settings, out)
     drive = rendered_drive(plan)
     writer = PandasetWriter(out / LOG_FOLDER, drive)
     for frame, moment in zip(drive.frames, plan.moments, strict=True):
@@ -114,21 +88,21 @@ def rendered_drive(plan: RenderPlan) -> Drive:
         raise OutputError(
             f"{drive.name}: sensors with times of their own beside frames make no log in PandaSet's layout"
         )
-    return replace(
+    drive = replace(
         drive,
         frames=tuple(range(len(numbered))),
+        cameras=cameras,
+        lidars=lidars,
         time_s={i: moment.time_s(drive) for i, moment in enumerate(numbered)},
-        cameras={name: replace(camera, time_s=_times(camera, numbered)) for name, camera in cameras.items()},
-        lidars={name: replace(lidar, time_s=_times(lidar, numbered)) for name, lidar in lidars.items()},
     )
+    return drive.with_sensors(lambda sensor: replace(sensor, time_s=_times(sensor, numbered)))
 
 
 def _times(sensor: Camera | Lidar, moments: Sequence[Moment]) -> dict[int, float]:
     """Return when a sensor was captured, by the numbers of the moments."""
     times = {}
     for i, moment in enumerate(moments):
-        captures = moment.cameras if isinstance(sensor, Camera) else moment.lidars
-        own = next((capture for capture in captures if capture.sensor_id == sensor.sensor_id), None)
+        own = next((capture for capture in moment.captures.values() if capture.sensor_id == sensor.sensor_id), None)
         if own is not None:
             times[i] = own.time_s(sensor)
     return times
@@ -160,15 +134,15 @@ SENSORS = {"png": "cameras", "npz": "lidars"}
 """Formats of frames that runs without such sensors do without."""
 
 
-def check_run_formats(names: Iterable[str], settings: SequenceSettings, place: Path | str) -> None:
-    """Check that formats can be written of what is going to be rendered of the scenario at ``place``; names of other formats are
-    passed over. Raises `OutputError` where files of frames would be missing, ModuleNotFoundError where a package is."""
-    for name in names:
-        if name not in RUN_FORMATS:
-            continue
-        for module in RUN_FORMATS[name].modules:
+def check_formats(names: Iterable[str], settings: SequenceSettings, place: Path | str) -> None:
+    """Check that formats can be written of what is going to be rendered of the scenario at ``place``. Raises `OutputError` where
+    files of frames would be missing, ModuleNotFoundError where a package is."""
+    forms: dict[str, RunFormat | SequenceFormat] = {**RUN_FORMATS, **WRITERS}
+    names = set(names)
+    for name, form in forms.items():
+        for module in form.modules if name in names else ():
             import_module(module)
-        for need in RUN_FORMATS[name].needs:
+        for need in form.needs if name in names else ():
             if need not in settings.formats and (need not in SENSORS or getattr(settings, SENSORS[need])):
                 raise OutputError(
                     f"{place}: the format {name} is made of {need} files, and the scenario's formats lack them"
@@ -192,12 +166,25 @@ def write_runs(names: Iterable[str], folder: Path) -> None:
 
 @dataclass(frozen=True)
 class RolloutFormats:
-    """The formats that rollouts are written in: those ``asked`` for, and their scenario's. It pickles."""
+    """The formats that rollouts are written in: those ``asked`` for, and their scenario's; and whether a ``film`` is. It
+    pickles."""
 
     asked: tuple[str, ...] = ()
+    film: bool = False
 
     def __call__(self, opened: OpenedScenario) -> Callable[[Path], None]:
-        """Return what writes a finished rollout of a scenario in them. Raises as `check_run_formats` does."""
+        """Return what writes a finished rollout of a scenario in them. Raises as `check_formats` does."""
         names = tuple(name for name in RUN_FORMATS if name in {*sequence_formats(opened.scenario), *self.asked})
-        check_run_formats(names, opened.plan.settings, opened.scenario.path)
-        return partial(write_runs, names)
+        check_formats(names, opened.plan.settings, opened.scenario.path)
+
+        def write(folder: Path) -> None:
+            if self.film:
+                from .film import write_film
+
+                drive = opened.edited
+                shown = [name for name in drive.cameras if name in opened.sensors][:1]
+                shown += [name for name in drive.lidars if name in opened.sensors]
+                write_film(folder, shown, recorded=drive.world_from_ego.positions)
+            write_runs(names, folder)
+
+        return write

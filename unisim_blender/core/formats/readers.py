@@ -45,11 +45,9 @@ class Reader(Protocol):
 
     def recognises(self, path: Path) -> bool:
         """Whether the folder or file is a log in this layout. Only names are looked at, so that it costs nothing."""
-        ...
 
     def open(self, path: Path) -> Log:
         """Open a log that `recognises` is true of. Raises `LogError` naming file and value."""
-        ...
 
 
 def _check_suffixes(reader: Reader) -> None:

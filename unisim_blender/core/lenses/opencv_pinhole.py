@@ -52,7 +52,6 @@ class OpenCVPinhole(Lens):
 
     @property
     def axis_slope(self) -> float:
-        """1: see `Lens.axis_slope`."""
         return 1.0
 
     def project(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:

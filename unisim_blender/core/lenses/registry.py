@@ -41,7 +41,6 @@ class Pinhole(Lens):
 
     @property
     def axis_slope(self) -> float:
-        """1: see `Lens.axis_slope`."""
         return 1.0
 
     def project(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:

@@ -151,7 +151,6 @@ class MeshActors:
 
     @property
     def uids(self) -> tuple[str, ...]:
-        """Their ids."""
         return tuple(actor.uid for actor in self.actors)
 
     def seen_by(self, sensor: Camera | Lidar) -> MeshActors:

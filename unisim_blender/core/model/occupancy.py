@@ -200,7 +200,6 @@ class OccupancyTrainer:
         return {name: getattr(self, name) for name in names}
 
     def load_state(self, state: dict[str, Tensor]) -> None:
-        """Restore the tensors of `state`."""
         for name, own in self.state().items():
             # former checkpoints: what "passed" says was known from the start, the others begin late
             if name in state or name not in ("passed", "stopped", "looks"):

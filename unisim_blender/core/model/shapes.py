@@ -60,7 +60,6 @@ class Convolution(NamedTuple):
     kernel: int
 
     def arrays(self, name: str) -> dict[str, TensorShape]:
-        """Its arrays by name."""
         return {
             f"{name}.weight": (self.outputs, self.inputs, self.kernel, self.kernel),
             f"{name}.bias": (self.outputs,),

@@ -26,7 +26,7 @@ from plyfile import PlyData, PlyElement
 from ..colour import bytes_from_srgb, linear_from_srgb
 from ..files import partial_file, write_file
 from ..formats.rendered import camera_path, labels_path, lidar_path
-from ..geometry import FloatArray, Trajectory, invert_pose, quaternion_from_matrix, transform_points
+from ..geometry import FloatArray, invert_pose, quaternion_from_matrix, transform_points
 from ..json_file import json_bytes
 from ..scenario.types import FRAME_FORMATS as FORMATS
 from ..sensors.frames import CameraFrame, LidarFrame
@@ -229,10 +229,7 @@ def moment_labels(drive: Drive, moment: Moment) -> dict[str, Any]:
             {"id": copy.uid, "size_m": np.asarray(copy.source.size_m).tolist(), "world": _pose(copy.world_from_target)}
             for copy in drive.static_copies
         ],
-        "sensors": {
-            sensor.sensor_id: _sensor(drive, sensor, at, trajectory.at(at))
-            for sensor, trajectory, at in _sensors(drive, moment)
-        },
+        "sensors": {sensor.sensor_id: _sensor(drive, sensor, at) for sensor, at in _sensors(drive, moment)},
     }
 
 
@@ -244,15 +241,13 @@ def labels_digest(drive: Drive, moment: Moment) -> str:
     if frame is None:
         actors = with_windows(drive, actors)
     seen = list(_sensors(drive, moment))
-    times = [time, *(at for _, _, at in seen)]
+    times = [time, *(at for _, at in seen)]
     start_s, end_s = min(times) - VELOCITY_STEP_S, max(times) + VELOCITY_STEP_S
-    every: list[Camera | Lidar] = [*drive.cameras.values(), *drive.lidars.values()]
-    bodies = any(sensor.sees_ego_body for sensor in every)
-    sensors = [[sensor.sensor_id, at, sensor.sees_ego_body] for sensor, _, at in seen]
+    bodies = any(sensor.sees_ego_body for sensor in drive.sensors.values())
+    sensors = [[sensor.sensor_id, at, sensor.sees_ego_body] for sensor, at in seen]
     digest = hashlib.sha256(json.dumps([moment.time_us, frame, time, sensors, bodies]).encode())
     digest.update(np.asarray(drive.world_origin, np.float64).tobytes())
-    tracks = (trajectory for _, trajectory, _ in seen)
-    for track in (drive.world_from_ego, *tracks):
+    for track in (drive.world_from_ego, *(sensor.trajectory for sensor, _ in seen)):
         digest.update(track.between(start_s, end_s).content())
     for actor in actors:
         if not any(actor.start_s <= at <= actor.end_s for at in times):
@@ -267,20 +262,13 @@ def labels_digest(drive: Drive, moment: Moment) -> str:
     return digest.hexdigest()
 
 
-def _sensors(drive: Drive, moment: Moment) -> Iterator[tuple[Camera | Lidar, Trajectory, float]]:
-    """Yield the sensors that labels have, their trajectories, and when they look."""
-    frame = moment.frame
-    cameras = {capture.sensor_id: capture for capture in moment.cameras}
-    lidars = {capture.sensor_id: capture for capture in moment.lidars}
-    if frame is not None:
-        cameras = {
-            name: Capture.of_frame(camera, frame) for name, camera in drive.cameras.items() if frame in camera.time_s
-        }
-        lidars = {name: Capture.of_frame(lidar, frame) for name, lidar in drive.lidars.items() if frame in lidar.time_s}
-    for name, capture in cameras.items():
-        yield drive.cameras[name], drive.cameras[name].world_from_camera, capture.time_s(drive.cameras[name])
-    for name, capture in lidars.items():
-        yield drive.lidars[name], drive.lidars[name].world_from_lidar, capture.time_s(drive.lidars[name])
+def _sensors(drive: Drive, moment: Moment) -> Iterator[tuple[Camera | Lidar, float]]:
+    """Yield the sensors that labels have, and when they look."""
+    if moment.frame is not None:
+        moment = Moment.of_frame(drive, moment.frame, drive.cameras, drive.lidars)
+    sensors = drive.sensors
+    for capture in moment.captures.values():
+        yield sensors[capture.sensor_id], capture.time_s(sensors[capture.sensor_id])
 
 
 def velocity(actor: Actor, time_s: float) -> FloatArray:
@@ -310,7 +298,8 @@ def _box(actor: Actor, time_s: float, world_from_ego: FloatArray) -> dict[str, A
     }
 
 
-def _sensor(drive: Drive, sensor: Camera | Lidar, time_s: float, world_from_sensor: FloatArray) -> dict[str, Any]:
+def _sensor(drive: Drive, sensor: Camera | Lidar, time_s: float) -> dict[str, Any]:
+    world_from_sensor = sensor.trajectory.at(time_s)
     sensor_from_world = invert_pose(world_from_sensor)
     return {
         "time_s": time_s,

@@ -56,36 +56,25 @@ def replayed_drive(header: SceneHeader, log: Log) -> Drive:
     )
     if set(drive.frames) <= set(own.frames):
         return whole
+    sensors = drive.sensors
     return replace(
-        whole,
+        whole.with_sensors(lambda sensor: _sensor(sensor, sensors.get(sensor.sensor_id, sensor))),
         world_from_ego=_extended(own.world_from_ego, drive.world_from_ego),
-        cameras={name: _camera(camera, drive.cameras.get(name, camera)) for name, camera in whole.cameras.items()},
-        lidars={name: _lidar(lidar, drive.lidars.get(name, lidar)) for name, lidar in whole.lidars.items()},
         actors={uid: _actor(actor, drive.actors.get(uid, actor)) for uid, actor in own.actors.items()},
     )
 
 
-def _camera(own: Camera, logs: Camera) -> Camera:
-    track = _extended(own.world_from_camera, logs.world_from_camera)
-    return replace(own, time_s=_in_order({**logs.time_s, **own.time_s}), world_from_camera=track)
-
-
-def _lidar(own: Lidar, logs: Lidar) -> Lidar:
-    track = _extended(own.world_from_lidar, logs.world_from_lidar)
-    return replace(own, time_s=_in_order({**logs.time_s, **own.time_s}), world_from_lidar=track)
+def _sensor(own: Camera | Lidar, logs: Camera | Lidar) -> Camera | Lidar:
+    times = {**logs.time_s, **own.time_s}
+    in_order = dict(sorted(times.items(), key=lambda entry: entry[1]))
+    return replace(own.along(_extended(own.trajectory, logs.trajectory)), time_s=in_order)
 
 
 def _actor(own: Actor, logs: Actor) -> Actor:
+    own = replace(own, start_s=min(own.start_s, logs.start_s), end_s=max(own.end_s, logs.end_s))
     if len(own.world_from_actor.times_s) == 1:
-        return replace(own, start_s=min(own.start_s, logs.start_s), end_s=max(own.end_s, logs.end_s))
-    track = _extended(own.world_from_actor, logs.world_from_actor)
-    return replace(
-        own, world_from_actor=track, start_s=min(own.start_s, logs.start_s), end_s=max(own.end_s, logs.end_s)
-    )
-
-
-def _in_order(time_s: dict[int, float]) -> dict[int, float]:
-    return dict(sorted(time_s.items(), key=lambda entry: entry[1]))
+        return own
+    return replace(own, world_from_actor=_extended(own.world_from_actor, logs.world_from_actor))
 
 
 def _extended(own: Trajectory, logs: Trajectory) -> Trajectory:

@@ -201,7 +201,6 @@ class _InUse:
         return own
 
     def add(self, digest: str) -> None:
-        """Note a copy."""
         if digest not in self.digests:
             os.write(self.descriptor, f"{digest}\n".encode())
             self.digests.add(digest)

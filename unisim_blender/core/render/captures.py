@@ -31,7 +31,6 @@ class CaptureStates:
 
     @property
     def drive(self) -> Drive:
-        """The drive that is captured."""
         return self.states.drive
 
     def of_drive(self, drive: Drive) -> CaptureStates:

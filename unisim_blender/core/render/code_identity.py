@@ -11,15 +11,7 @@ from ..files import sha256_of_file
 
 CORE_FOLDER = Path(__file__).parents[1]
 CODE_SUFFIXES = (".py", ".so", ".dll", ".dylib")
-NOT_RENDERING = (
-    "actor_images",
-    "cli",
-    "convert.py",
-    "evaluation",
-    "presets.py",
-    "rigs",
-    "training",
-)
+NOT_RENDERING = ("actor_images", "cli", "convert.py", "evaluation", "presets.py", "rigs", "training")
 """Folders and modules of core that change no rendered frame."""
 
 

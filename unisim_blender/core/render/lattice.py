@@ -29,7 +29,12 @@ from .tracer import BUNDLE_SIDE_RAYS, Array, Maps
 
 
 def fill_passes(
-    out: CameraFrame, maps: Maps, along: FloatArray | None, shape: tuple[int, ...], up: int, inner: tuple[slice, slice]
+    out: CameraFrame,
+    maps: Maps,
+    along: FloatArray | Array | None,
+    shape: tuple[int, ...],
+    up: int,
+    inner: tuple[slice, slice],
 ) -> None:
     """Write the passes of rays, one for each cell of ``shape`` (h, w), into a frame. A cell is ``up`` x ``up`` pixels,
     of which rows and columns ``inner`` are kept. ``along`` (h, w), for depths alone, is the component of each cell's
@@ -44,7 +49,7 @@ def fill_passes(
     if "depth" in maps:
         assert along is not None
         out.depth_m = full(maps["depth"], np.float32)
-        out.z_depth_m = (out.depth_m * full(along.reshape(-1), np.float64)).astype(np.float32)
+        out.z_depth_m = (out.depth_m * full(along.reshape(-1), along.dtype.type)).astype(np.float32, copy=False)
     if "normal" in maps:
         out.normal = full(maps["normal"], np.float32)
     if "instance" in maps:
@@ -173,7 +178,7 @@ def differ(image: SparseImage, blocks: Blocks, size: int, spread: float) -> tupl
     if planes is None:
         return plain_differ(image, blocks, size, spread)
     verdict = np.empty(len(blocks), np.uint8)
-    _call("differ", planes, image, blocks, size, ctypes.byref(_likeness(spread)), verdict.ctypes.data)
+    _call("differ", planes, image, blocks, size, ctypes.byref(block_tolerance(spread)), verdict.ctypes.data)
     return verdict == 1, verdict == 2
 
 
@@ -183,7 +188,7 @@ def predicted(image: SparseImage, blocks: Blocks, size: int, spread: float) -> N
     if planes is None:
         return plain_predicted(image, blocks, size, spread)
     alike = np.empty(len(blocks), bool)
-    _call("predicted", planes, image, blocks, size, ctypes.byref(_likeness(spread)), alike.ctypes.data)
+    _call("predicted", planes, image, blocks, size, ctypes.byref(block_tolerance(spread)), alike.ctypes.data)
     return alike
 
 
@@ -215,7 +220,8 @@ def _planes(image: SparseImage) -> ctypes.Array[PlaneStruct] | None:
     return (PlaneStruct * len(planes))(*planes)
 
 
-def _likeness(spread: float) -> BlockToleranceStruct:
+def block_tolerance(spread: float) -> BlockToleranceStruct:
+    """Return how much the corners of a block may differ, for a largest difference of their colours."""
     return BlockToleranceStruct(
         spread, EDGE_CONTRAST * spread, PREDICTION_TOLERANCE * spread, MAX_DISPARITY_RANGE, MAX_DISPARITY_TWIST
     )

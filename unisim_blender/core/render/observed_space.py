@@ -58,12 +58,10 @@ class Observing(Backend, Protocol):
     @property
     def observed(self) -> Observed:
         """The scene's header, shown voxels and voxel edge, which an observed space is made from."""
-        ...
 
     def within(self, space: ObservedSpace, clip: bool) -> Backend:
         """Return the backend with support decided by an observed space and, where ``clip``, nothing shown outside of
         it."""
-        ...
 
 
 @dataclass(frozen=True)

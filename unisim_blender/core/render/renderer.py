@@ -14,7 +14,7 @@ Numpy alone: whatever a backend computes with, the renderer is given it. A rende
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, overload
 
@@ -97,12 +97,7 @@ class Renderer:
 
     @overload
     def render(
-        self,
-        state: WorldState,
-        sensor: Camera,
-        time_s: float,
-        passes: Sequence[str] = ...,
-        region: Region | None = ...,
+        self, state: WorldState, sensor: Camera, time_s: float, passes: Sequence[str] = ..., region: Region | None = ...
     ) -> CameraFrame: ...
 
     @overload
@@ -228,11 +223,17 @@ class Renderer:
         """Render a region by tracing all of its cells, and those around it that the decoder reads."""
         up, camera, time_s = exposure.tracer.upsample, exposure.camera, exposure.time_s
         cells = region.cells(up, exposure.tracer.reach, whole)
+        finished = self._on_device(exposure, cells, 1)
         u, v = (x[cells] for x in pixel_grid(camera.model, up))
-        rays = camera_rays(camera, time_s, u, v)
-        image, maps = self._seen(exposure, (u, v), rays, up)
-        axis = camera.world_from_camera.at(time_s)[:3, 2]
-        along = rays.directions @ axis if "depth" in maps else None
+        rays = camera_rays(camera, time_s, u, v) if finished is None or exposure.shadowing else None
+        along: FloatArray | Array | None
+        if finished is not None:
+            image, along, maps = finished.pop("rgb"), finished.pop("along", None), finished
+            image = image.reshape(u.shape[0] * up, u.shape[1] * up, 3)
+        else:
+            assert rays is not None
+            image, maps = self._seen(exposure, (u, v), rays, up)
+            along = rays.directions @ camera.world_from_camera.at(time_s)[:3, 2] if "depth" in maps else None
         return _blanked(self._frame(exposure, image, maps, rays, along, region.within(cells, up)), region)
 
     def _on_lattice(
@@ -264,7 +265,16 @@ class Renderer:
             return image[0], maps
 
         sparse = SparseImage(shape)
-        for stride, done in progressive_strides(sparse, size, tracer.quality.spread, trace, coarse, band):
+        steps: Iterable[tuple[int, slice]]
+        along_all = None
+        finished = self._on_device(exposure, (rows, columns), size)
+        if finished is not None:
+            along_all, sparse.values = finished.pop("along", None), finished
+            tops = range(0, shape[0], band or shape[0])
+            steps = [(1, slice(top, min(top + tops.step, shape[0]))) for top in tops]
+        else:
+            steps = progressive_strides(sparse, size, tracer.quality.spread, trace, coarse, band)
+        for stride, done in steps:
             values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in sparse.values.items() if name != NEAR_BOXES}
             if stride > 1:
                 few = {name: values[name][::stride, ::stride] for name in ("rgb", "unsupported") if name in values}
@@ -282,10 +292,25 @@ class Renderer:
             maps = {name: x[inner].reshape(-1, *x.shape[2:]) for name, x in values.items()}
             across, down = u[:, inner[1]], v[inner[0]]
             rays = camera_rays(camera, time_s, *np.broadcast_arrays(across, down)) if exposure.shadowing else None
-            along = along_axis(camera, time_s, across, down) if "depth" in maps else None
+            along: FloatArray | Array | None = None
+            if "depth" in maps:
+                along = (
+                    along_axis(camera, time_s, across, down) if along_all is None else along_all.reshape(shape)[inner]
+                )
             del maps["rgb"]
             frame = self._frame(exposure, values["rgb"][inner], maps, rays, along, (slice(None), slice(None)))
             yield Tile(_blanked(frame, part), part)
+
+    def _on_device(self, exposure: _Exposure, cells: tuple[slice, slice], size: int) -> Maps | None:
+        """Return what `lattice_image` of a tracer on a GPU does; None where the host has to finish an image."""
+        lattice_image = getattr(exposure.tracer, "lattice_image", None)
+        seen = exposure.tracer.active.mesh_actors.seen_by(exposure.camera).actors
+        if lattice_image is None or exposure.displaced or seen:
+            return None
+        values: Maps | None = lattice_image(
+            exposure.camera, exposure.time_s, cells, size, exposure.needed, exposure.stats
+        )
+        return values
 
     def _seen(
         self, exposure: _Exposure, cells: tuple[FloatArray, FloatArray], rays: Rays, up: int
@@ -350,7 +375,7 @@ class Renderer:
         image: NDArray[np.float32],
         maps: Maps,
         rays: Rays | None,
-        along: FloatArray | None,
+        along: FloatArray | Array | None,
         inner: tuple[slice, slice],
     ) -> CameraFrame:
         """Return the frame of an image and its maps, cropped to ``inner``. ``rays`` are for contact shadows, ``along``

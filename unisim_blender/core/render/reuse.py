@@ -43,7 +43,6 @@ class FrameReuse:
     def image(
         self, renderer: Renderer, state: WorldState, camera: Camera, time_s: float, passes: Sequence[str]
     ) -> CameraFrame:
-        """Return what `Renderer.render` does."""
         pose = standing_pose(camera.world_from_camera, *exposure_window(camera, time_s))
         if pose is None:
             self._last.pop(camera.sensor_id, None)
@@ -62,7 +61,6 @@ class FrameReuse:
     def sweep(
         self, renderer: Renderer, state: WorldState, lidar: Lidar, time_s: float, seed: Sequence[int] | None
     ) -> LidarFrame:
-        """Return what `Renderer.render` does."""
         pose = standing_pose(lidar.world_from_lidar, *exposure_window(lidar, time_s))
         if pose is None:
             self._last.pop(lidar.sensor_id, None)

@@ -33,7 +33,6 @@ class ActorSet:
 
     @property
     def uids(self) -> tuple[str, ...]:
-        """Their ids."""
         return tuple(actor.uid for actor in self.actors)
 
 
@@ -134,6 +133,8 @@ class TraceResult(Generic[ValuesT]):
     """Opacity (N,) of each foreign scene's actors."""
     without_foreign: ValuesT | None = None
     """``feature`` as if no foreign actor and no mesh were there; None where none is."""
+    returned: tuple[ValuesT, ValuesT] | None = None
+    """Intensity and the logit of a return (N,) of beams, where they are decoded already and ``feature`` is empty."""
     mesh_opacity: Array | None = None
     """Opacity (N,) of meshes; None where there are none."""
 

@@ -189,14 +189,11 @@ def with_riders(
     """Return the drive with the vehicle on a trajectory, and all that rides on it, sensors and its body, on those that
     ``carried`` returns for theirs."""
     bodies = {key: actor for key, actor in drive.actors.items() if actor.is_ego_body}
-    riders = [camera.world_from_camera for camera in drive.cameras.values()]
-    riders += [lidar.world_from_lidar for lidar in drive.lidars.values()]
+    riders = [sensor.trajectory for sensor in drive.sensors.values()]
     riders += [body.world_from_actor for body in bodies.values()]
     there = iter(carried(riders) if riders else [])
     return replace(
-        drive,
+        drive.with_sensors(lambda sensor: sensor.along(next(there))),
         world_from_ego=world_from_ego,
-        cameras={key: replace(camera, world_from_camera=next(there)) for key, camera in drive.cameras.items()},
-        lidars={key: replace(lidar, world_from_lidar=next(there)) for key, lidar in drive.lidars.items()},
         actors={**drive.actors, **{key: replace(body, world_from_actor=next(there)) for key, body in bodies.items()}},
     )

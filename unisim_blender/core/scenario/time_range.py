@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Union
+from typing import Annotated, Union
 
-from .json_schema import NUMBER, Schema, members_of
+from .json_schema import NUMBER, POSITIVE, Schema, SchemaOf, object_of
 
 MAX_RATE_HZ = 10_000.0
+OUTSIDE_RULES = ["absent", "hold", "continue"]
 
 
 @dataclass(frozen=True)
@@ -15,7 +16,7 @@ class TimeRange:
     """Times ``rate_hz`` a second from ``start_s``, the recording's first time where None, up to but without ``stop_s``;
     up to the recording's last time, which is one of them where the rate meets it, where ``stop_s`` is None."""
 
-    rate_hz: float
+    rate_hz: Annotated[float, SchemaOf({**POSITIVE, "maximum": MAX_RATE_HZ})]
     start_s: float | None = None
     stop_s: float | None = None
 
@@ -29,21 +30,13 @@ class Outside:
     """Motion before and after the recording: of actors, which are "absent" where None, or "hold" or "continue"; and of
     the ego, which is "hold" or "continue"."""
 
-    actors: str | None = None
-    ego: str | None = None
+    actors: Annotated[str, SchemaOf({"enum": OUTSIDE_RULES})] | None = None
+    ego: Annotated[str, SchemaOf({"enum": OUTSIDE_RULES[1:]})] | None = None
 
 
-OUTSIDE_RULES = ["absent", "hold", "continue"]
 TIMES: Schema = {
     "if": {"type": "object"},
-    "then": members_of(
-        {
-            "start_s": NUMBER,
-            "stop_s": NUMBER,
-            "rate_hz": {"type": "number", "exclusiveMinimum": 0, "maximum": MAX_RATE_HZ},
-        },
-        ["rate_hz"],
-    ),
+    "then": object_of(TimeRange),
 }
 DEFS: dict[str, Schema] = {
     "times": {
@@ -59,7 +52,7 @@ DEFS: dict[str, Schema] = {
     "outside_recording": {
         "description": "What moves before and after the recording: actors, and the ego vehicle.",
         "if": {"type": "object"},
-        "then": members_of({"actors": {"enum": OUTSIDE_RULES}, "ego": {"enum": OUTSIDE_RULES[1:]}}, ()),
+        "then": object_of(Outside),
         "else": {"enum": OUTSIDE_RULES},
     },
 }

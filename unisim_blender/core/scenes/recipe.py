@@ -6,6 +6,7 @@ A trained scene's backend is the compiled kernels where they take all of it, or 
 
 from __future__ import annotations
 
+import os
 import platform
 import socket
 from abc import ABC, abstractmethod
@@ -20,6 +21,7 @@ from .. import cuda_driver, native
 from ..errors import UnisimError
 from ..geometry import FloatArray
 from ..native import VARIANT_VARIABLE
+from ..processes import WORKER_VARIABLE
 from ..registry import Registry
 from ..render.captures import CaptureStates
 from ..render.code_identity import code_identity
@@ -42,9 +44,19 @@ def backend_name(device: str, scenes: Sequence[Scene] = ()) -> str:
     """Return what computes scenes together on a device: `COMPILED`, `GPU` or `TORCH`. Raises `SceneError`."""
     if native.library() is None or any(not_taken(scene.config) for scene in scenes):
         return TORCH
-    if device == "cuda" and not cuda_driver.missing():
+    if device.startswith("cuda") and not cuda_driver.missing():
         return GPU
     return COMPILED if device == "cpu" else TORCH
+
+
+def gpu_of(device: str) -> cuda_driver.Gpu:
+    """Return the GPU of a device: its own of "cuda:1", and of "cuda" one for each worker of this machine in turn. Raises
+    `UnisimError`."""
+    _, colon, text = device.partition(":")
+    if colon and not text.isdecimal():
+        raise UnisimError(f"--device {device}: is none of cpu, cuda, cuda:0, cuda:1, mps and auto")
+    number = int(text) if colon else int(os.environ.get(WORKER_VARIABLE, "0")) % max(cuda_driver.count(), 1)
+    return cuda_driver.gpu(number)
 
 
 def environment(device: str, scenes: Sequence[Scene] = ()) -> dict[str, str]:
@@ -53,7 +65,7 @@ def environment(device: str, scenes: Sequence[Scene] = ()) -> dict[str, str]:
     common = {"machine": platform.machine(), "device": device, "numpy": np.__version__}
     if (name := backend_name(device, scenes)) != TORCH:
         kernels = {"kernels": str(native.ABI_VERSION), "instruction_set": native.variant()}
-        return {**common, **kernels, **({"gpu": cuda_driver.gpu().name} if name == GPU else {})}
+        return {**common, **kernels, **({"gpu": gpu_of(device).name} if name == GPU else {})}
     import torch
 
     return {**common, "torch": torch.__version__, "instruction_set": torch.backends.cpu.get_cpu_capability()}
@@ -93,7 +105,7 @@ def _load(name: str, scene: Scene, device: str) -> Any:
     if name == COMPILED:
         return CompiledScene(scene.path, header=scene.header)
     if name == GPU:
-        return GpuScene(CompiledScene(scene.path, header=scene.header), cuda_driver.gpu())
+        return GpuScene(CompiledScene(scene.path, header=scene.header), gpu_of(device))
     from ..model.checkpoint import load_scene
 
     return load_scene(scene.path, device, scene.header)

@@ -52,7 +52,6 @@ class Scene:
 
     @cached_property
     def config(self) -> ModelConfig:
-        """The configuration of the model."""
         return ModelConfig.from_dict(self.header.model)
 
     @property

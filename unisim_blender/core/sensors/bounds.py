@@ -53,9 +53,9 @@ class Bounds:
         here = radii > 0
         return (self.centres[low : high + 1, actor][here], radii[here]) if here.any() else None
 
-    def in_reach(self, rays: Rays) -> list[int]:
+    def in_reach(self, rays: Rays, slack_rad: float = 0.0) -> list[int]:
         """Return the indices of actors that flat rays (N,) can hit: present at some ray's time, and touched by the cone
-        that holds the rays."""
+        that holds the rays, and all within ``slack_rad`` of one."""
         if not self.windows or len(rays.time_s) == 0:
             return []
         first, last = float(rays.time_s.min()), float(rays.time_s.max())
@@ -64,7 +64,7 @@ class Bounds:
         length = float(np.linalg.norm(axis))
         axis = axis / max(length, 1e-9)
         cosine = float((rays.directions @ axis).min()) if length > 0.2 else -1.0
-        half_angle = float(np.arccos(np.clip(cosine, -1, 1)))
+        half_angle = float(np.arccos(np.clip(cosine, -1, 1))) + slack_rad
         low, high = (np.array([of(rays.origins[:, a]) for a in range(3)]) for of in (np.min, np.max))
         origin, spread = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
         keep = []

@@ -18,10 +18,7 @@ from ..world.captures import CaptureKey, Moment, name_of, time_of_name
 from ..world.drive import Appearance
 from ..world.drive_json import drive_to_json
 from .plan import RenderPlan
-from .records import (
-    Captures,
-    read_records,
-)
+from .records import Captures, read_records
 
 MANIFEST_VERSION = 2
 COUNTS = ("rays", "samples_spent", "samples_saved", "actors_skipped")
@@ -57,13 +54,12 @@ def write_drive(plan: RenderPlan, out: Path) -> None:
     It has no times of captures, which the manifest has: so it is the same whichever are rendered.
     """
     drive, settings = plan.drive, plan.settings
-    cameras, lidars = {}, {}
+    cameras = {}
     for name in settings.cameras:
         camera = drive.cameras[name]
         model = camera.model if settings.width is None else camera.model.resized(settings.width)
         cameras[name] = replace(camera, model=model, time_s={})
-    for name in settings.lidars:
-        lidars[name] = replace(drive.lidars[name], time_s={})
+    lidars = {name: replace(drive.lidars[name], time_s={}) for name in settings.lidars}
     # what actors look like is a matter of scenes and meshes, which lie elsewhere
     actors = {uid: replace(actor, appearance=Appearance(uid)) for uid, actor in drive.actors.items()}
     rendered = replace(drive, frames=(), time_s={}, cameras=cameras, lidars=lidars, actors=actors)
@@ -82,10 +78,9 @@ def _times(plan: RenderPlan, key: CaptureKey, captures: Captures) -> dict[str, f
             [name for name in drive.cameras if f"camera/{name}" in captures],
             [name for name in drive.lidars if f"lidar/{name}" in captures],
         )
-    times = {"time_s": moment.time_s(drive)}
-    times |= {f"camera/{camera.sensor_id}": camera.time_s(drive.cameras[camera.sensor_id]) for camera in moment.cameras}
-    times |= {f"lidar/{lidar.sensor_id}": lidar.time_s(drive.lidars[lidar.sensor_id]) for lidar in moment.lidars}
-    return {name: time for name, time in times.items() if name == "time_s" or name in captures}
+    sensors = drive.sensors
+    times = {name: capture.time_s(sensors[capture.sensor_id]) for name, capture in moment.captures.items()}
+    return {"time_s": moment.time_s(drive), **{name: time for name, time in times.items() if name in captures}}
 
 
 def _entry(record: Any) -> dict[str, Any]:

@@ -101,14 +101,13 @@ class CaptureIdentities:
     def of_moment(self, moment: Moment) -> dict[str, Identity]:
         """Return the identities of a moment's captures, by name, cameras first."""
         if moment.key not in self._of_moments:
-            drive, width = self.plan.drive, self.plan.settings.width
+            sensors, width = self.plan.drive.sensors, self.plan.settings.width
             identities = {}
-            for capture in moment.cameras:
-                camera = drive.cameras[capture.sensor_id]
-                # as large as it is rendered: cells of a smaller image reach farther beyond its edges
-                identities[f"camera/{capture.sensor_id}"] = self.of(camera.resized(width) if width else camera, capture)
-            for capture in moment.lidars:
-                identities[f"lidar/{capture.sensor_id}"] = self.of(drive.lidars[capture.sensor_id], capture)
+            for name, capture in moment.captures.items():
+                sensor = sensors[capture.sensor_id]
+                if width and isinstance(sensor, Camera):
+                    sensor = sensor.resized(width)  # cells of a smaller image reach farther beyond its edges
+                identities[name] = self.of(sensor, capture)
             self._of_moments[moment.key] = identities
         return self._of_moments[moment.key]
 
@@ -117,7 +116,6 @@ class CaptureIdentities:
         return self.of_moment(self.plan.moment_of_frame(frame))
 
     def of(self, sensor: Camera | Lidar, capture: Capture) -> Identity:
-        """Return a capture's identity."""
         state = self._state(sensor, capture)
         digest = hashlib.sha256(self._camera if isinstance(sensor, Camera) else self._lidar)
         for part in _sensor_parts(sensor, capture):
@@ -183,10 +181,9 @@ def _sensor_parts(sensor: Camera | Lidar, capture: Capture) -> Iterator[bytes]:
     about = {"sensor": sensor.sensor_id, "frame": frame, "time_s": time_s, "model": model, "body": sensor.sees_ego_body}
     yield json.dumps(about, sort_keys=True).encode()
     window = exposure_window(sensor, time_s)
+    yield sensor.trajectory.between(*window).content()
     if isinstance(sensor, Camera):
-        yield sensor.world_from_camera.between(*window).content()
         return
-    yield sensor.world_from_lidar.between(*window).content()
     yield sensor.model.elevation_rad.tobytes()
     yield sensor.model.azimuth_offset_rad.tobytes()
     yield b"" if sensor.blocked is None else sensor.blocked.tobytes()

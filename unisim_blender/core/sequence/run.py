@@ -203,20 +203,15 @@ def render_moment(
     """Render a moment's missing captures, write their files, then the moment's record. Return the
     seconds by capture. ``on_capture`` is called with each one that was rendered and written."""
     settings, moment, seconds = plan.settings, work.moment, {}
-    of: dict[str, Capture] = {
-        **{f"camera/{capture.sensor_id}": capture for capture in moment.cameras},
-        **{f"lidar/{capture.sensor_id}": capture for capture in moment.lidars},
-    }
+    of, sensors = moment.captures, plan.drive.sensors
     captures = {name: record for name, record in work.reusable.items() if name in work.wanted}
     for name in work.to_render:
         started = time.monotonic()
         capture = of[name]
-        shot = render(capture)
+        shot, time_s = render(capture), capture.time_s(sensors[capture.sensor_id])
         if isinstance(shot, CameraFrame):
-            time_s = capture.time_s(plan.drive.cameras[capture.sensor_id])
             files = write_camera(out, moment.name, capture, time_s, shot, settings.formats)
         else:
-            time_s = capture.time_s(plan.drive.lidars[capture.sensor_id])
             files = write_lidar(out, moment.name, capture, time_s, shot, settings.formats)
         identity, sees = work.wanted[name]
         digests = {path.relative_to(out).as_posix(): sha256_of_file(path) for path in files}

@@ -134,10 +134,8 @@ def _drive(
     """Return the drive of one frame: the vehicle is where its sensor is."""
     recorded = scene.drive
     ego_from_world = invert_pose(recorded.world_from_ego.at(0.0))
-    own = recorded.cameras if isinstance(sensor, Camera) else recorded.lidars
-    mounted = own[sensor.sensor_id]
-    track = mounted.world_from_camera if isinstance(mounted, Camera) else mounted.world_from_lidar
-    ego = path.transformed(right=invert_pose(ego_from_world @ track.at(0.0)))
+    mounted = recorded.sensors[sensor.sensor_id]
+    ego = path.transformed(right=invert_pose(ego_from_world @ mounted.trajectory.at(0.0)))
     return replace(
         recorded,
         actors=_actors(scene, message.dynamic_objects, frame_us, f"{at}dynamic_objects"),

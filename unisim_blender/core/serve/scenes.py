@@ -60,8 +60,7 @@ def open_served_scene(path: Path, options: RenderOptions) -> ServedScene:
     heights = renderer.tracer(plan.captures.states.state(middle_s, middle_s)).heights
     ego_from_rig[2, 3] -= axle_height(world_from_ego, vehicle, heights)
     rig_from_world = invert_pose(world_from_ego @ ego_from_rig)
-    mounts = {name: rig_from_world @ camera.world_from_camera.at(middle_s) for name, camera in drive.cameras.items()}
-    mounts |= {name: rig_from_world @ lidar.world_from_lidar.at(middle_s) for name, lidar in drive.lidars.items()}
+    mounts = {name: rig_from_world @ sensor.trajectory.at(middle_s) for name, sensor in drive.sensors.items()}
     return ServedScene(
         prepared.scenario.name,
         drive,

@@ -57,7 +57,6 @@ class Exposure:
 
     @staticmethod
     def of(sensor: Camera | Lidar, capture: Capture) -> Exposure:
-        """Return the exposure of a sensor's capture."""
         start_s, end_s = exposure_window(sensor, capture.time_s(sensor))
         start, end = start_s * US_PER_SECOND + ROUNDING_US, end_s * US_PER_SECOND - ROUNDING_US
         return Exposure(capture, math.floor(start), math.ceil(end))
@@ -69,9 +68,9 @@ def exposures(drive: Drive, rates: Mapping[str, Rate], start_us: int, stop_us: i
 
     ``rates`` are by the sensors' names; the others capture nothing.
     """
-    complete = []
+    complete, sensors = [], drive.sensors
     for name, rate in rates.items():
-        sensor: Camera | Lidar = drive.cameras[name] if name in drive.cameras else drive.lidars[name]
+        sensor = sensors[name]
         before, after = _reach(sensor, start_us)
         for time_us in rate.from_time(start_us - after):
             if time_us - before > stop_us:

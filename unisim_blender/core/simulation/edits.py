@@ -21,7 +21,7 @@ from ..scenario.time_range import Outside
 from ..scenario.times import actors_outside, carried_outside, recording_us
 from ..scenario.types import Scenario
 from ..world.captures import US_PER_SECOND
-from ..world.drive import Actor, Camera, Drive, Lidar
+from ..world.drive import Actor, Drive
 from .world import KEY_HISTORY_S, PoseKeys, World, keys_from, since_rest
 
 BEFORE_S = 0.05
@@ -157,25 +157,16 @@ class ScenarioDrive:
 
     @cached_property
     def _times_s(self) -> dict[str, dict[int, float]]:
-        drive = self.drive()
-        sensors: dict[str, Camera | Lidar] = {**drive.cameras, **drive.lidars}
-        return {name: sensor.time_s for name, sensor in sensors.items()}
+        return {name: sensor.time_s for name, sensor in self.drive().sensors.items()}
 
 
 def _cropped(drive: Drive, start_s: float, end_s: float) -> Drive:
     """Return a drive with the keys alone that poses between two times depend on, and two frames: one for the first of these
     times, and the last that the drive has by the second."""
-    cameras: dict[str, Camera] = {
-        name: replace(sensor, world_from_camera=sensor.world_from_camera.between(start_s, end_s))
-        for name, sensor in drive.cameras.items()
-    }
-    lidars: dict[str, Lidar] = {
-        name: replace(sensor, world_from_lidar=sensor.world_from_lidar.between(start_s, end_s))
-        for name, sensor in drive.lidars.items()
-    }
+    drive = drive.with_sensors(lambda sensor: sensor.along(sensor.trajectory.between(start_s, end_s)))
     ego = drive.world_from_ego.between(start_s, end_s)
     last = max((time_s for time_s in drive.time_s.values() if time_s <= end_s), default=end_s)
     # edits add keys as far before the first frame as sensors look: these lie before any exposure, and not long before
     first = min(start_s + SENSOR_MARGIN_S, last)
     number = drive.frames[0]
-    return replace(drive, time_s={number: first, number + 1: last}, world_from_ego=ego, cameras=cameras, lidars=lidars)
+    return replace(drive, time_s={number: first, number + 1: last}, world_from_ego=ego)

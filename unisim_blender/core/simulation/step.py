@@ -206,10 +206,7 @@ def recorded_ego(context: SimulationContext, time_us: int) -> EgoState:
     steering = math.atan(vehicle.wheelbase_m * turning / speed) if speed > CREEPING_M_S else 0.0
     limit = vehicle.max_steering_rad
     return replace(
-        here,
-        speed_m_s=max(speed, 0.0),
-        acceleration_m_s2=acceleration,
-        steering_rad=min(max(steering, -limit), limit),
+        here, speed_m_s=max(speed, 0.0), acceleration_m_s2=acceleration, steering_rad=min(max(steering, -limit), limit)
     )
 
 

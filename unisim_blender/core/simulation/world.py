@@ -41,7 +41,6 @@ class PoseKey:
 
     @staticmethod
     def of(time_us: int, pose: FloatArray) -> PoseKey:
-        """Return the key of a pose (4, 4)."""
         return PoseKey.all_of([time_us], pose[None])[0]
 
     @staticmethod

@@ -157,7 +157,6 @@ class Trainer(TrainingSetup):
         return {name: tensor.grad for name, tensor in named.items() if tensor.grad is not None}
 
     def load_deferred_gradients(self, deferred: dict[str, Tensor]) -> None:
-        """The inverse of `deferred_gradients`."""
         parameters = [p for group in self.slow.param_groups for p in group["params"]]
         self._deferred = None
         for name, value in deferred.items():

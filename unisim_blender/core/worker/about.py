@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import sys
-from importlib import metadata, util
+from importlib import import_module, metadata, util
 from typing import Any
 
 from .. import cuda_driver
@@ -19,14 +19,8 @@ TRAINING_PACKAGES = ("torch", "scipy", "safetensors")
 def about() -> dict[str, Any]:
     """Return versions, devices and memory. Raises ImportError naming a package that rendering needs and
     that is missing."""
-    import click  # noqa: F401
-    import jsonschema  # noqa: F401
-    import OpenEXR  # noqa: F401
-    import PIL  # noqa: F401
-    import plyfile  # noqa: F401
-    import tqdm  # noqa: F401
-    import trimesh  # noqa: F401
-
+    for name in ("click", "jsonschema", "OpenEXR", "PIL", "plyfile", "tqdm", "trimesh"):
+        import_module(name)
     best = pick_device("auto")
     environment(best)
     lacking = [name for name in TRAINING_PACKAGES if util.find_spec(name) is None]
@@ -43,7 +37,7 @@ def about() -> dict[str, Any]:
 
 def _device_bytes() -> int:
     if not cuda_driver.missing():
-        return cuda_driver.gpu().total_bytes()
+        return cuda_driver.gpu(0).total_bytes()
     import torch
 
     return int(torch.cuda.get_device_properties(0).total_memory)

@@ -238,7 +238,6 @@ class ActorPath:
 
     @cached_property
     def _line(self) -> Polyline:
-        """The path in the plane."""
         return Polyline(self.positions[:, :2], self.s_m, after=self._end[0][:2])
 
     def at_speed(self, speed_m_s: float) -> ActorPath:

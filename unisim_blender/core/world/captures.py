@@ -101,6 +101,12 @@ class Moment:
         )
 
     @property
+    def captures(self) -> dict[str, Capture]:
+        """Its captures, cameras first, by their names: "camera/NAME", "lidar/NAME"."""
+        named = {f"camera/{capture.sensor_id}": capture for capture in self.cameras}
+        return named | {f"lidar/{capture.sensor_id}": capture for capture in self.lidars}
+
+    @property
     def frame(self) -> int | None:
         """Number of the log's frame; None for a moment at a time."""
         return self.key if isinstance(self.key, int) else None

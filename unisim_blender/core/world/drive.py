@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -234,6 +235,15 @@ class Camera:
         own = replace(shutter, duration_s=shutter.duration_s * float(self.readouts.at(time_s)))
         return replace(self.model, shutter=own)
 
+    @property
+    def trajectory(self) -> Trajectory:
+        """Its poses, as those of a `Lidar`."""
+        return self.world_from_camera
+
+    def along(self, trajectory: Trajectory) -> Camera:
+        """Return the camera on another trajectory."""
+        return replace(self, world_from_camera=trajectory)
+
     def resized(self, width: int) -> Camera:
         """Return the camera with images ``width`` pixels wide; see `CameraModel.resized`."""
         return replace(self, model=self.model.resized(width), full_width=self.full_width or self.model.width)
@@ -271,6 +281,15 @@ class Lidar:
     blocked: BoolArray | None = None
     sees_ego_body: bool = False
     phase: SpinPhase | None = None
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Its poses, as those of a `Camera`."""
+        return self.world_from_lidar
+
+    def along(self, trajectory: Trajectory) -> Lidar:
+        """Return the LiDAR on another trajectory."""
+        return replace(self, world_from_lidar=trajectory)
 
     def model_at(self, time_s: float) -> LidarModel:
         """Return the beam table of the sweep at ``time_s``: ``model``, turned by the phase."""
@@ -383,6 +402,16 @@ class Drive:
         if shared := sorted(self.cameras.keys() & self.lidars.keys()):
             raise LogError(f"{self.name}: {shared[0]!r} is a camera and a LiDAR: give each a name of its own")
 
+    @property
+    def sensors(self) -> dict[str, Camera | Lidar]:
+        """Cameras, then LiDARs, by their names."""
+        return {**self.cameras, **self.lidars}
+
+    def with_sensors(self, change: Callable[[Any], Any]) -> Drive:
+        """Return the drive with ``change`` of each camera, and then of each LiDAR."""
+        cameras = {name: change(camera) for name, camera in self.cameras.items()}
+        return replace(self, cameras=cameras, lidars={name: change(lidar) for name, lidar in self.lidars.items()})
+
     def window(self, actor: Actor) -> tuple[float, float]:
         """Return when an actor is present (start, end), finite, in seconds. One that is present at the first (last)
         frame is also present shortly before (after) it: sensors of a frame measure earlier and later than
@@ -398,7 +427,7 @@ class Drive:
     @property
     def labelled_actors(self) -> list[Actor]:
         """The actors that labels list: those that some sensor of the drive can see."""
-        sensors: list[Camera | Lidar] = [*self.cameras.values(), *self.lidars.values()]
+        sensors = self.sensors.values()
         return [
             actor
             for actor in self.actors.values()

@@ -7,6 +7,7 @@ from __future__ import annotations
 import base64
 import binascii
 import math
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -36,12 +37,13 @@ LIDAR_TABLES = ("column_azimuth_rad", "column_time_s", "beam_time_s")
 """Members that a table of even columns lacks."""
 
 
-def lidar_model_to_json(model: LidarModel) -> dict[str, Any]:
-    """Return a beam table's members, in a fixed order."""
+def arrays_to_json(value: LidarModel | SpinPhase | Readouts | Trajectory) -> dict[str, Any]:
+    """Return the members that are there, in a fixed order, float64 to the bit."""
+    members = {field.name: getattr(value, field.name) for field in fields(value)}
     return {
-        name: value.tolist() if isinstance(value, np.ndarray) else value
-        for name, value in vars(model).items()
-        if value is not None
+        name: member.tolist() if isinstance(member, np.ndarray) else member
+        for name, member in members.items()
+        if member is not None
     }
 
 
@@ -64,18 +66,17 @@ def read_lidar_model(node: Node) -> LidarModel:
         node.fail(str(fault))
 
 
-def phase_to_json(phase: SpinPhase) -> dict[str, Any]:
-    """Return a phase's members."""
-    return {"times_s": phase.times_s.tolist(), "turned_rad": phase.turned_rad.tolist()}
-
-
 def read_phase(node: Node) -> SpinPhase:
     """Return the phase of a JSON object. Raises the node's error."""
-    times = node.key("times_s").array(-1)
-    turned = node.key("turned_rad").array(len(times))
+    times = _increasing_times(node.key("times_s"))
+    return SpinPhase(times, node.key("turned_rad").array(len(times)))
+
+
+def _increasing_times(node: Node) -> FloatArray:
+    times = node.array(-1)
     if not len(times) or (np.diff(times) <= 0).any():
-        node.key("times_s").fail("must be times that increase")
-    return SpinPhase(times, turned)
+        node.fail("must be times that increase")
+    return times
 
 
 SHUTTER_AXES = ("rows", "columns")
@@ -99,21 +100,14 @@ def read_lens(node: Node) -> Lens:
         node.key("lens").fail(str(fault))
 
 
-def readouts_to_json(readouts: Readouts) -> dict[str, Any]:
-    """Return the members of images' readouts."""
-    return {"times_s": readouts.times_s.tolist(), "stretch": readouts.stretch.tolist()}
-
-
 def read_readouts(node: Node) -> Readouts | None:
     """Return the readouts that are the member ``readouts`` of an object; None where it has none. Raises the node's
     error."""
     if "readouts" not in node.object():
         return None
     node = node.key("readouts")
-    times = node.key("times_s").array(-1)
+    times = _increasing_times(node.key("times_s"))
     stretch = node.key("stretch").array(len(times))
-    if not len(times) or (np.diff(times) <= 0).any():
-        node.key("times_s").fail("must be times that increase")
     if (stretch <= 0).any():
         node.key("stretch").fail("must be above 0")
     return Readouts(times, stretch)
@@ -126,7 +120,7 @@ def drive_to_json(drive: Drive) -> dict[str, Any]:
         "world_origin": drive.world_origin.tolist(),
         "frames": list(drive.frames),
         "time_s": _times_to_json(drive.time_s),
-        "world_from_ego": trajectory_to_json(drive.world_from_ego),
+        "world_from_ego": arrays_to_json(drive.world_from_ego),
         "cameras": {key: _camera_to_json(camera) for key, camera in drive.cameras.items()},
         "lidars": {key: _lidar_to_json(lidar) for key, lidar in drive.lidars.items()},
         "actors": {key: _actor_to_json(actor) for key, actor in drive.actors.items()},
@@ -139,15 +133,6 @@ def drive_to_json(drive: Drive) -> dict[str, Any]:
             for c in drive.static_copies
         ],
         "static_removals": [_box_to_json(box) for box in drive.static_removals],
-    }
-
-
-def trajectory_to_json(trajectory: Trajectory) -> dict[str, Any]:
-    """Return the keys of a trajectory, float64 to the bit."""
-    return {
-        "times_s": trajectory.times_s.tolist(),
-        "positions": trajectory.positions.tolist(),
-        "quaternions_wxyz": trajectory.quaternions_wxyz.tolist(),
     }
 
 
@@ -177,10 +162,10 @@ def _read_times(node: Node) -> dict[int, float]:
 def _camera_to_json(camera: Camera) -> dict[str, Any]:
     return {
         "model": camera.model.to_dict(),
-        "world_from_camera": trajectory_to_json(camera.world_from_camera),
+        "world_from_camera": arrays_to_json(camera.world_from_camera),
         "time_s": _times_to_json(camera.time_s),
         **({"sees_ego_body": True} if camera.sees_ego_body else {}),
-        **({} if camera.readouts is None else {"readouts": readouts_to_json(camera.readouts)}),
+        **({} if camera.readouts is None else {"readouts": arrays_to_json(camera.readouts)}),
     }
 
 
@@ -208,8 +193,8 @@ def _read_camera(sensor_id: str, node: Node) -> Camera:
 
 def _lidar_to_json(lidar: Lidar) -> dict[str, Any]:
     result: dict[str, Any] = {
-        "model": lidar_model_to_json(lidar.model),
-        "world_from_lidar": trajectory_to_json(lidar.world_from_lidar),
+        "model": arrays_to_json(lidar.model),
+        "world_from_lidar": arrays_to_json(lidar.world_from_lidar),
         "time_s": _times_to_json(lidar.time_s),
     }
     if lidar.sees_ego_body:
@@ -217,7 +202,7 @@ def _lidar_to_json(lidar: Lidar) -> dict[str, Any]:
     if lidar.blocked is not None:
         result["blocked"] = base64.b64encode(np.packbits(lidar.blocked.astype(bool)).tobytes()).decode("ascii")
     if lidar.phase is not None:
-        result["phase"] = phase_to_json(lidar.phase)
+        result["phase"] = arrays_to_json(lidar.phase)
     return result
 
 
@@ -250,7 +235,7 @@ def _actor_to_json(actor: Actor) -> dict[str, Any]:
     return {
         "label": actor.label,
         "size_m": np.asarray(actor.size_m).tolist(),
-        "world_from_actor": trajectory_to_json(actor.world_from_actor),
+        "world_from_actor": arrays_to_json(actor.world_from_actor),
         "start_s": _finite(actor.start_s),
         "end_s": _finite(actor.end_s),
         "is_moving": bool(actor.is_moving),

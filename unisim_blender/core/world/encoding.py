@@ -77,15 +77,14 @@ def decode_state(text: str) -> WorldState:
 def encode_sensor(sensor: Camera | Lidar, start_s: float, end_s: float) -> str:
     """Return a sensor as text, with the keys of its trajectory for an exposure from ``start_s`` to ``end_s``, seconds,
     and without frames of a log."""
+    trajectory = sensor.trajectory.between(start_s, end_s)
     if isinstance(sensor, Camera):
-        trajectory = sensor.world_from_camera.between(start_s, end_s)
         header: dict[str, Any] = {"kind": "camera", "model": sensor.model.to_dict(), "full_width": sensor.full_width}
         numbers = _keys(trajectory)
         if sensor.readouts is not None:
             header["readouts"] = len(sensor.readouts.times_s)
             numbers = [*numbers, sensor.readouts.times_s, sensor.readouts.stretch]
     else:
-        trajectory = sensor.world_from_lidar.between(start_s, end_s)
         more = [name for name in LIDAR_TABLES if getattr(sensor.model, name) is not None]
         tables = ("elevation_rad", "azimuth_offset_rad", *more)
         header = {

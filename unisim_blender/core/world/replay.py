@@ -9,7 +9,6 @@ import json
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,14 +69,6 @@ class WorldState:
             yield copy.content()
         for box in self.removed_boxes:
             yield box.content()
-
-
-class StateSource(Protocol):
-    """A source of states: log replay, an edited scenario, a Blender scene, a simulator."""
-
-    def state(self, start_s: float, end_s: float) -> WorldState:
-        """Return the world from ``start_s`` to ``end_s``, seconds."""
-        ...
 
 
 MAX_COMPARISONS = 1 << 24

@@ -5,24 +5,26 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.actor_images.best_views import png
+from ...core.actor_images.best_views import best_views, png
 from ...core.files import cache_folder, write_file
-from ...core.geometry import FloatArray, box_corners, invert_pose, transform_points
+from ...core.geometry import box_corners, invert_pose, transform_points
 from ...core.model.scene_file import HEADER_NAME
-from ...core.world.drive import Actor, CameraModel, Drive
+from ...core.world.drive import Actor, CameraModel
 from ..reading.requests import CameraRequest, camera_request
 from ..sampled.clock import Clock, recorded_poses, recorded_there
 from ..sampled.scene import Sampled, SampledObject, optical
 from ..sampled.source import DriveSource
 
 SIZE_PX = 192
+MOST_TRIED = 20
+"""Number of frames of a camera among which the view is chosen: a wide lens takes long."""
 FILLED = 0.9
 """Fraction of the image's width or height that the actor fills."""
 FAR_SIZES = 3.0
@@ -32,12 +34,13 @@ FAR_SIZES = 3.0
 def portrait_request(source: DriveSource, actor: Actor, name: str) -> CameraRequest | None:
     """Return the request for a portrait; None for an actor that no camera came near. No other actor is there."""
     clock = Clock.of(source.drive)
-    seen = _best_view(source.drive, actor, clock)
-    if seen is None:
+    times = {name: tuple(camera.time_s) for name, camera in source.drive.cameras.items()}
+    tried = {name: frames[:: -(-len(frames) // MOST_TRIED) or 1] for name, frames in times.items()}
+    views = best_views(replace(source.drive, actors={actor.uid: actor}), tried, 1)[actor.uid]
+    if not views:
         return None
-    frame, eye, centre = seen
-    size = float(np.linalg.norm(actor.size_m))
-    ahead = centre - eye
+    frame, centre, size = views[0].frame, views[0].pose[:3, 3], float(np.linalg.norm(actor.size_m))
+    ahead = centre - views[0].camera_pose[:3, 3]
     ahead /= np.linalg.norm(ahead)
     eye = centre - ahead * FAR_SIZES * size
     back = -ahead
@@ -61,27 +64,6 @@ def portrait_request(source: DriveSource, actor: Actor, name: str) -> CameraRequ
     return camera_request(Sampled(name, here, (alone,)), view, source, float(frame), (SIZE_PX, SIZE_PX))
 
 
-def _best_view(drive: Drive, actor: Actor, clock: Clock) -> tuple[int, FloatArray, FloatArray] | None:
-    """The frame in which some camera is nearest and has the actor in its image, the camera's place and
-    the actor's centre."""
-    best: tuple[float, int, FloatArray, FloatArray] | None = None
-    poses, there = recorded_poses(actor, clock), recorded_there(actor, drive, clock)
-    for camera in drive.cameras.values():
-        for i in np.flatnonzero(there):
-            frame = int(clock.frames[i])
-            if frame not in camera.time_s:
-                continue
-            pose = camera.world_from_camera.at(camera.time_s[frame])
-            x, y, z = pose[:3, :3].T @ (poses[i, :3, 3] - pose[:3, 3])
-            if z < 1.0:
-                continue
-            u, v, _ = camera.model.project(np.array([x, y, z]))
-            inside = 0.05 < u / camera.model.width < 0.95 and 0 < v / camera.model.height < 0.95
-            if inside and (best is None or z < best[0]):
-                best = float(z), frame, pose[:3, 3], poses[i, :3, 3]
-    return None if best is None else best[1:]
-
-
 BACKGROUND = 0.22
 """Grey behind the actor, where nothing of it is seen, as display-referred sRGB."""
 
@@ -89,23 +71,23 @@ BACKGROUND = 0.22
 class ArrayReader(Protocol):
     """Reader of the arrays of an event."""
 
-    def arrays(self, event: dict[str, Any]) -> dict[str, NDArray[Any]]:
-        """The arrays by name."""
-        ...
+    def arrays(self, event: dict[str, Any]) -> dict[str, NDArray[Any]]: ...
 
 
 @dataclass
 class Portrait:
-    """An actor that the worker renders: ``request`` is the job, ``pixels`` (H, W, 3) the image once it has ``ended``
-    well."""
+    """An actor that the worker renders: ``request`` is the job. Once it has ended well, ``rgba`` (H, W, 4) is the image,
+    display-referred sRGB that is opaque where the actor is, and ``pixels`` (H, W, 3) the same on grey; else ``fault``
+    says why not."""
 
     scene_path: Path
     uid: str
     request: Any
     ended: bool = False
+    rgba: NDArray[np.float32] | None = None
     pixels: NDArray[np.uint8] | None = None
-    _rgb: list[NDArray[np.float32]] = field(default_factory=list)
-    _shown: list[NDArray[np.bool_]] = field(default_factory=list)
+    fault: str = ""
+    _blocks: list[NDArray[np.float32]] = field(default_factory=list)
 
     def take(self, worker: ArrayReader) -> None:
         """Take in what has come; returns at once."""
@@ -113,16 +95,15 @@ class Portrait:
             event = self.request.events.get()
             if event["event"] == "arrays":
                 arrays = worker.arrays(event)
-                self._rgb.append(np.clip(arrays["rgb"], 0, 1))
                 number = event["instances"].index(self.uid) + 1 if self.uid in event["instances"] else -1
-                self._shown.append(arrays["instance"] == number)
+                shown = (arrays["instance"] == number)[..., None].astype(np.float32)
+                self._blocks.append(np.concatenate([np.clip(arrays["rgb"], 0, 1), shown], -1))
             elif event["event"] not in ("warning", "progress"):
-                self.ended = True
-                if event["event"] == "done" and self._rgb:
-                    shown = np.concatenate(self._shown)[..., None]
-                    self.pixels = np.asarray(
-                        255 * np.where(shown, np.concatenate(self._rgb), BACKGROUND) + 0.5, np.uint8
-                    )
+                self.ended, self.fault = True, event.get("text", "")
+                if event["event"] == "done" and self._blocks:
+                    self.rgba = np.concatenate(self._blocks)
+                    on_grey = np.where(self.rgba[..., 3:] > 0, self.rgba[..., :3], BACKGROUND)
+                    self.pixels = np.asarray(255 * on_grey + 0.5, np.uint8)
 
 
 def portrait_path(scene_path: Path, uid: str) -> Path:

@@ -160,7 +160,6 @@ class RecordedImageRequest:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """Key that distinguishes the request from others."""
         return str(self.log.path), self.camera, self.frame, self.placement
 
 

@@ -36,7 +36,6 @@ class RenderedFrames:
 
     @property
     def first_path(self) -> Path:
-        """The first image."""
         return self.folder / f"{time_name(self.times_us[0]) if self.times_us else frame_name(self.first)}{SUFFIX}"
 
 

@@ -1,4 +1,4 @@
-"""Curves as an image, made with numpy alone: Blender has no charts, and draws nothing without a window."""
+"""Curves as an image, made without Blender: it has no charts, and draws nothing without a window."""
 
 from __future__ import annotations
 
@@ -16,14 +16,8 @@ LEFT, RIGHT, TOP, BOTTOM = 52, 16, 28, 24
 PAPER, GRID, INK = 0.11, 0.24, 0.80
 PSNR, LIDAR = (1.0, 0.72, 0.25), (0.35, 0.78, 1.0)
 """Curves' colours, sRGB."""
-DOT = 2
-"""Pixels of a letter's dot."""
-LETTERS = {
-    "0": "75557", "1": "26227", "2": "71747", "3": "71317", "4": "55711", "5": "74717", "6": "74757", "7": "71222",
-    "8": "75757", "9": "75717", ".": "00002", "A": "25755", "D": "65556", "L": "44447", "N": "65555", "P": "75744",
-    "R": "65655", "S": "34216", "B": "65656", "c": "00747", "d": "11757", "i": "20222", "m": "00775", "n": "00755",
-}  # fmt: skip
-"""Five rows of three dots, from the top, each row's dots as a number's bits. Others are blank."""
+LETTERS_PX = 13
+"""Size of the letters."""
 
 ChartImage = NDArray[np.float32]
 
@@ -59,7 +53,7 @@ def chart(
     for value in ticks(0.0, end):
         column = round(LEFT + (right - 1 - LEFT) * value / end)
         image[bottom : bottom + 4, column] = INK
-        write(image, f"{value:g}", column, bottom + 8, centred=True)
+        write(image, f"{value:g}", column, bottom + 8, "mt")
     write(image, "min", right - 24, TOP // 2 - 5)
     finite = np.isfinite(y) & ((y > 0) | (not powers))
     x, y = x[finite], y[finite]
@@ -77,8 +71,7 @@ def chart(
         at = round(float(row(np.array(value))))
         if TOP <= at < bottom:
             image[at, LEFT + 1 : right] = GRID
-            text = f"{value:g}"
-            write(image, text, LEFT - 6 - 4 * DOT * len(text), at - 5)
+            write(image, f"{value:g}", LEFT - 6, at, "rm")
     columns = np.arange(LEFT + 1, right)
     at_x = (columns - LEFT) / (right - 1 - LEFT) * end
     step = end / (right - LEFT)
@@ -105,11 +98,11 @@ def decades(low: float, high: float) -> list[float]:
     return [value for value in values if 10**low <= value <= 10**high]
 
 
-def write(image: ChartImage, text: str, left: int, top: int, centred: bool = False) -> None:
-    """Put a line of text into an image (H, W, 3)."""
-    left -= 2 * DOT * len(text) if centred else 0
-    for i, letter in enumerate(text):
-        dots = np.array([[int(row) >> (2 - bit) & 1 for bit in range(3)] for row in LETTERS.get(letter, "00000")], bool)
-        place = image[top : top + 5 * DOT, left + 4 * DOT * i :][:, : 3 * DOT]
-        shape = np.kron(dots, np.ones((DOT, DOT), bool))
-        place[shape[: place.shape[0], : place.shape[1]]] = INK
+def write(image: ChartImage, text: str, left: int, top: int, anchor: str = "lt") -> None:
+    """Put a line of text into an image (H, W, 3); ``anchor`` says, as Pillow has it, which point of the text is given."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    page = Image.new("L", (image.shape[1], image.shape[0]))
+    ImageDraw.Draw(page).text((left, top), text, 255, ImageFont.load_default(LETTERS_PX), anchor)
+    share = np.asarray(page, np.float32)[..., None] / 255
+    image += share * (INK - image)

@@ -36,12 +36,10 @@ class Rectangle:
 
     @property
     def width(self) -> float:
-        """The width."""
         return self.right - self.left
 
     @property
     def height(self) -> float:
-        """The height."""
         return self.top - self.bottom
 
     def meets(self, other: Rectangle) -> bool:

@@ -31,7 +31,8 @@ RECORDED, EDITED, OVER, NOW = (
     (1.0, 0.85, 0.2, 1.0),
 )
 STRIPS = {"acceleration_m_s2": Text("accel."), "lateral_m_s2": Text("lateral"), "curvature_1_m": Text("curv.")}
-UNITS = {"acceleration_m_s2": "m/s²", "lateral_m_s2": "m/s²", "curvature_1_m": "1/m"}
+UNITS = {"acceleration_m_s2": ("m/s²", 1), "lateral_m_s2": ("m/s²", 1), "curvature_1_m": ("1/m", 3)}
+"""Units of quantities and the digits that are shown."""
 KMH = 3.6
 
 
@@ -182,10 +183,8 @@ def values(graph: MotionComparison, frame: float) -> list[tuple[str, bool]]:
     if not np.isfinite(speed):
         return [(time, False), (Text("not present"), False)]
     rows = [(time, False), (kmh(float(speed)), False)]
-    for name, digits in (("acceleration_m_s2", 1), ("lateral_m_s2", 1), ("curvature_1_m", 3)):
-        value = getattr(now, name)[at]
-        text = (
-            f"{round(float(value), digits) + 0.0:+.{digits}f}" if np.isfinite(value) else "–"
-        )  # no minus before a zero
-        rows.append((f"{text} {UNITS[name]}", bool(graph.exceeded[name][at])))
+    for name, (unit, digits) in UNITS.items():
+        value = round(float(getattr(now, name)[at]), digits) + 0.0  # no minus before a zero
+        text = f"{value:+.{digits}f}" if np.isfinite(value) else "–"
+        rows.append((f"{text} {unit}", bool(graph.exceeded[name][at])))
     return rows

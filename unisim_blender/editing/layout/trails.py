@@ -90,9 +90,8 @@ def plan_lines(plan: PlannedPath | None, height_m: float) -> TrailSegments:
     parts = [_lines(_pairs(points), PLAN)]
     seconds = np.arange(np.floor(plan.times_s[0]) + 1, plan.times_s[-1] + 1e-6)
     if len(seconds):
-        middle = np.stack([np.interp(seconds, plan.times_s, points[:, axis]) for axis in range(3)], -1)
-        ahead = np.stack([np.interp(seconds + 0.1, plan.times_s, points[:, axis]) for axis in range(3)], -1)
-        behind = np.stack([np.interp(seconds - 0.1, plan.times_s, points[:, axis]) for axis in range(3)], -1)
+        moments = seconds + np.array([[0.0], [0.1], [-0.1]])
+        middle, ahead, behind = np.stack([np.interp(moments, plan.times_s, column) for column in points.T], -1)
         along = ahead - behind
         side = np.stack([-along[:, 1], along[:, 0], np.zeros(len(along))], -1)
         side *= PLAN_TICK_M / np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-6)

@@ -86,7 +86,6 @@ class Actors(GroupReader):
         yield from (row for row, _ in rows)
 
     def lines(self, reading: ReadContext, uid: str) -> Iterator[EditLine]:
-        """The edits of one id."""
         for item in read_edits(reading, uid):
             has_line = item.has_line and not item.maneuvers
             line = item.reader.line(item.edit, item.context) if has_line else None
@@ -94,7 +93,6 @@ class Actors(GroupReader):
                 yield line
 
     def edited_ids(self, reading: ReadContext) -> set[str]:
-        """Recorded actors with an edit."""
         by_id = _by_id(reading)
         return {
             uid
@@ -246,12 +244,10 @@ class SwapReader(ActorReader[Swap]):
     """Reads appearances."""
 
     def read(self, context: ActorEditContext) -> Swap | None:
-        """Return the swap to the appearance that the object notes; None where it notes none."""
         obj = context.here
         return Swap(context.known.uid, obj.appearance, context.appearance_scene) if obj.appearance else None
 
     def line(self, edit: Swap, context: ActorEditContext) -> EditLine:
-        """Return a line that says whose appearance it is."""
         actors = context.reading.drive.actors
         of_this_scene = edit.scene is None and edit.appearance in actors
         named = (
@@ -344,16 +340,13 @@ class ScaleReader(ActorReader[Scale]):
     """Reads sizes, also those of new actors."""
 
     def read(self, context: ActorEditContext) -> Scale | None:
-        """The object's factors."""
         return self.read_new(context.known.uid, context)
 
     def read_new(self, new: str, context: ActorEditContext) -> Scale | None:
-        """The object's factors."""
         factors = context.here.scaling.factors
         return Scale(new, factors) if factors != UNIT else None
 
     def line(self, edit: Scale, context: ActorEditContext) -> EditLine:
-        """Return a line with the factors."""
         return context.line("SCALE", Text("Scaled by {factors}", factors=scale_text(edit.factors)), edit)
 
 
@@ -383,7 +376,6 @@ class DuplicateReader(NewActorReader[Duplicate]):
         return Duplicate(actor.uid, uid, **context.path(), present=when)
 
     def line(self, edit: Duplicate, context: ActorEditContext) -> EditLine:
-        """Return where the copy is, beside the recorded actor."""
         words = context.path_phrases()
         words[:1] = [unmoved(phrase) for phrase in words[:1]]
         what = Text("Copied: {how}", how=cased(joined(words), LOWER)) if words else Text("Copied, in place")
@@ -400,7 +392,6 @@ class InsertReader(NewActorReader[Insert]):
         return bool(obj.appearance) if context.actor is not None else not obj.mesh
 
     def read(self, context: ActorEditContext) -> Insert:
-        """The object's appearance and path."""
         obj = context.here
         path = ActorEditContext(context.reading, obj, None).path()
         when = present(context.clock, obj.there)
@@ -420,7 +411,6 @@ class InsertMeshReader(NewActorReader[InsertMesh]):
         return context.actor is None and bool(context.here.mesh)
 
     def read(self, context: ActorEditContext) -> InsertMesh:
-        """The model's file and the object's path."""
         obj, reading = context.here, context.reading
         uid, when = reading.new_id(obj), present(context.clock, obj.there)
         return InsertMesh(reading.relative(obj.mesh), uid, obj.label or None, **context.path(), present=when)

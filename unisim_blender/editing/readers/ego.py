@@ -45,7 +45,6 @@ class EgoReader(GroupReader):
             yield Ego(trajectory=keyframes(reading.clock, ego.poses, np.ones(len(ego.poses), bool)))
 
     def lines(self, reading: ReadContext, uid: str) -> Iterator[EditLine]:
-        """Yield the line of how the vehicle drives elsewhere."""
         clock, recorded = reading.clock, reading.drive.world_from_ego
         for edit in self.edits(reading):
             ego = next(reading.sampled.of("EGO"))
@@ -96,7 +95,6 @@ class EgoBodies(GroupReader):
             yield EgoBody(reading.relative(obj.mesh), reading.new_id(obj), placement(mount[0]), obj.label or None)
 
     def lines(self, reading: ReadContext, uid: str) -> Iterator[EditLine]:
-        """A line for each body."""
         bodies = [obj for obj in reading.sampled.of("BODY") if obj.there.any()]
         for body, obj in zip(self.edits(reading), bodies, strict=True):
             names, words = (obj.title, obj.name), Text("Body of the ego vehicle")

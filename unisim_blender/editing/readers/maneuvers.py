@@ -32,7 +32,6 @@ class Maneuvers(GroupReader):
             left = [edit for edit in left if edit.actor in waiting]
 
     def lines(self, reading: ReadContext, uid: str) -> Iterator[EditLine]:
-        """The lines of one id's objects with maneuvers."""
         yield from (maneuver_line(item) for item in read_edits(reading, uid) if item.maneuvers)
 
 

@@ -30,7 +30,6 @@ class StaticItems(GroupReader):
     kinds = ("STATIC",)
 
     def edits(self, reading: ReadContext) -> Iterator[CopyStatic | RemoveStatic]:
-        """Removals and copies of what stands in boxes."""
         sampled = reading.sampled
         standing: dict[str, list[SampledObject]] = {uid: [] for uid in sampled.items}
         for obj in sampled.of("STATIC"):

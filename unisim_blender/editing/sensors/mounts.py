@@ -11,7 +11,7 @@ import numpy as np
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray, invert_pose
 from ...core.world.drive import Camera, Drive, Lidar, LidarModel
-from ...core.world.drive_json import lidar_model_to_json
+from ...core.world.drive_json import arrays_to_json
 from ..sampled.clock import Clock
 from ..sampled.scene import optical
 
@@ -19,10 +19,8 @@ from ..sampled.scene import optical
 def recorded_mount(sensor: Camera | Lidar, drive: Drive, clock: Clock) -> FloatArray:
     """Poses (N, 4, 4) of a recorded sensor on the vehicle, core's axes: the vehicle at a frame's time, the
     sensor at its own."""
-    trajectory = sensor.world_from_camera if isinstance(sensor, Camera) else sensor.world_from_lidar
-    return np.asarray(
-        invert_pose(drive.world_from_ego.at(clock.times_s)) @ trajectory.at(clock.of_sensor(sensor).times_s)
-    )
+    own = sensor.trajectory.at(clock.of_sensor(sensor).times_s)
+    return np.asarray(invert_pose(drive.world_from_ego.at(clock.times_s)) @ own)
 
 
 def lag(sensor: Camera | Lidar | None, drive: Drive, clock: Clock) -> FloatArray:
@@ -39,7 +37,7 @@ def lag(sensor: Camera | Lidar | None, drive: Drive, clock: Clock) -> FloatArray
 
 def lidar_json(model: LidarModel) -> str:
     """A beam table as an object carries it."""
-    return json.dumps(lidar_model_to_json(model))
+    return json.dumps(arrays_to_json(model))
 
 
 def lidar_model(text: str) -> LidarModel:
@@ -80,10 +78,8 @@ NEAR_M, NEAR_RAD = 0.05, 0.005
 
 def recorded_pose(sensor: Camera | Lidar, drive: Drive, frame: float) -> FloatArray:
     """Return where a sensor was recorded at a frame (4, 4), Blender's axes."""
-    at = Clock.of(drive).capture(sensor, frame).time_s(sensor)
-    if isinstance(sensor, Camera):
-        return optical(sensor.world_from_camera.at(at))
-    return sensor.world_from_lidar.at(at)
+    pose = sensor.trajectory.at(Clock.of(drive).capture(sensor, frame).time_s(sensor))
+    return optical(pose) if isinstance(sensor, Camera) else pose
 
 
 def from_frame(drive: Drive, frame: float) -> Clock:

@@ -15,7 +15,7 @@ from ...core.data.sweep_cells import with_drops
 from ...core.evaluation.lidar_metrics import lidar_metrics
 from ...core.geometry import BoolArray, FloatArray, invert_pose
 from ...core.world.drive import Actor, Drive, Lidar
-from ...core.world.drive_json import lidar_model_to_json
+from ...core.world.drive_json import arrays_to_json
 from ..sampled.source import DriveSource
 from .mounts import sees_the_same
 
@@ -109,7 +109,7 @@ def same_beams(lidar: Lidar, time_s: float, drive: Drive, frame: float) -> bool:
     recorded = drive.lidars.get(lidar.sensor_id)
     if recorded is None or abs(recorded.time_s.get(int(frame), np.inf) - time_s) > SAME_TIME_S:
         return False
-    models = [lidar_model_to_json(sensor.model_at(time_s)) for sensor in (lidar, recorded)]
+    models = [arrays_to_json(sensor.model_at(time_s)) for sensor in (lidar, recorded)]
     return models[0] == models[1] and sees_the_same(
         lidar.world_from_lidar.at(time_s), recorded.world_from_lidar.at(time_s)
     )
@@ -151,11 +151,10 @@ def _with_actors(
 
 
 class BeamRanges(NamedTuple):
-    """Ranges and intensities of one LiDAR by kind of sweep and cell (C,), NaN where a beam did not return; ``known`` (C,):
-    cells of recorded returns and drops. ``drops``: whether recorded drops are known."""
+    """Ranges in metres and intensities of one LiDAR (2, C) by kind of sweep and cell, NaN where a beam did not return;
+    ``known`` (C,): cells of recorded returns and drops. ``drops``: whether recorded drops are known."""
 
-    range_m: Mapping[str, FloatArray]
-    intensity: Mapping[str, FloatArray]
+    measured: Mapping[str, FloatArray]
     known: BoolArray
     drops: bool
 
@@ -169,22 +168,23 @@ def beam_ranges(sweeps: Sequence[ViewedSweep]) -> dict[str, BeamRanges]:
         if len(compared) < 2 or compared[0].frame != compared[1].frame:
             continue
         count = 1 + max(int(sweep.cells.max(initial=-1)) for sweep in own.values())
-        depth, intensity = (
-            {sweep.kind: _by_cell(sweep, name, count) for sweep in compared} for name in ("depth", "intensity")
-        )
-        known = np.isfinite(depth[RECORDED])
+        measured = {sweep.kind: _by_cell(sweep, count) for sweep in compared}
+        known = np.isfinite(measured[RECORDED][0])
         dropped = own.get(DROPS[RECORDED])
         if dropped is not None:
             known[dropped.cells[dropped.cells >= 0]] = True
-        ranges[lidar] = BeamRanges(depth, intensity, known, dropped is not None)
+        ranges[lidar] = BeamRanges(measured, known, dropped is not None)
     return ranges
 
 
-def _by_cell(sweep: ViewedSweep, name: str, count: int) -> FloatArray:
-    """Return an attribute of a sweep's points by their cells (C,), NaN for others; of two in a cell, the nearer's."""
-    points, values = np.flatnonzero(sweep.cells >= 0), np.full(count, np.nan)
-    points = points[np.argsort(-sweep.attributes["depth"].astype(float)[points], kind="stable")]
-    values[sweep.cells[points]] = sweep.attributes[name][points]
+def _by_cell(sweep: ViewedSweep, count: int) -> FloatArray:
+    """Return ranges and intensities of a sweep's points by their cells (2, C), NaN for others; of two in a cell, the
+    nearer's."""
+    depth, points = sweep.attributes["depth"].astype(float), np.flatnonzero(sweep.cells >= 0)
+    if np.bincount(sweep.cells[points]).max(initial=0) > 1:
+        points = points[np.argsort(-depth[points], kind="stable")]
+    values = np.full((2, count), np.nan)
+    values[:, sweep.cells[points]] = depth[points], sweep.attributes["intensity"][points]
     return values
 
 
@@ -200,13 +200,13 @@ def _of_beams(
 def range_differences(sweep: ViewedSweep, ranges: Mapping[str, BeamRanges]) -> FloatArray:
     """Return the recorded minus the simulated range (N,) of the beam of each point, in metres; NaN where only one
     returns, or they are not the same beams."""
-    return _of_beams(sweep, ranges, lambda both: both.range_m[RECORDED] - both.range_m[SIMULATED], np.nan)
+    return _of_beams(sweep, ranges, lambda both: both.measured[RECORDED][0] - both.measured[SIMULATED][0], np.nan)
 
 
 def returns_in_the_other(sweep: ViewedSweep, ranges: Mapping[str, BeamRanges]) -> BoolArray:
     """Return whether the beam of each point (N,), of a recorded or simulated sweep, returned in the other one."""
     other = SIMULATED if sweep.kind in (RECORDED, DROPS[RECORDED]) else RECORDED
-    return _of_beams(sweep, ranges, lambda both: np.isfinite(both.range_m[other]), False)
+    return _of_beams(sweep, ranges, lambda both: np.isfinite(both.measured[other][0]), False)
 
 
 def returns_alone(sweep: ViewedSweep, ranges: Mapping[str, BeamRanges]) -> BoolArray:
@@ -234,11 +234,8 @@ def sweep_metrics(ranges: Mapping[str, BeamRanges]) -> dict[str, float] | None:
     sets = [both for both in ranges.values() if both.drops]
     if not sets:
         return None
-    recorded, recorded_intensity, simulated, simulated_intensity = (
-        np.concatenate([getattr(both, name)[kind][both.known] for both in sets]).astype(np.float32)
+    recorded, simulated = (
+        np.concatenate([both.measured[kind][:, both.known] for both in sets], 1).astype(np.float32)
         for kind in (RECORDED, SIMULATED)
-        for name in ("range_m", "intensity")
     )
-    return lidar_metrics(
-        simulated, simulated_intensity, np.isfinite(simulated), recorded, recorded_intensity, np.isfinite(recorded)
-    )
+    return lidar_metrics(*simulated, np.isfinite(simulated[0]), *recorded, np.isfinite(recorded[0]))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ...core.geometry import FloatArray, Trajectory
-from ...core.scenario import apply_scenario, load_scenario
+from ...core.scenario import apply_scenario, load_scenario, rebased
 from ...core.scenario.edit import Edit
 from ...core.scenario.edits import Ego, Move
 from ...core.scenario.motion.keys import Keyframe, Present
@@ -63,11 +63,12 @@ def as_driven(read: Scenario, source: DriveSource, driven: DrivenScenario, start
     """
     clock = Clock.of(source.drive)
     edited = apply_scenario(replace(read, sensors=None, frames=None, times=None), source.drive, scene_actors)
+    own = rebased(driven.scenario, read.path).edits
     edits = _ego_edits(read.edits, edited, driven, clock, start_s)
     for uid in sorted({*driven.drive.actors, *edited.actors}):
         before, now = driven.drive.actors.get(uid), edited.actors.get(uid)
         if not any(actor is not None and actor.is_ego_body for actor in (before, now)):
-            edits = _actor_edits(edits, uid, before, now, driven.scenario.edits, clock, start_s)
+            edits = _actor_edits(edits, uid, before, now, own, clock, start_s)
     return replace(read, edits=tuple(edits))
 
 
@@ -95,7 +96,7 @@ def _actor_edits(
     clock: Clock,
     start_s: float | None,
 ) -> list[Edit]:
-    """Return edits with an actor's as driven. ``own`` are the rollout's."""
+    """Return edits with an actor's as driven. ``own`` are the rollout's, as the new file names their files."""
     moves = [edit for edit in own if isinstance(edit, Move) and edit.actor == uid and edit.trajectory is not None]
     rest = [edit for edit in edits if not (isinstance(edit, Move) and edit.actor == uid)]
     if before is not None and now is not None:

@@ -14,13 +14,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...core.errors import OutputError, UnisimError, in_a_line, refused
+from ...core.errors import OutputError, UnisimError
 from ...core.files import write_file
 from ...core.geometry import FloatArray
 from ...core.json_file import read_json
 from ...core.scenario import scenario_to_json
 from ...core.scenario.types import Scenario
-from ...core.simulation.rollout.steps import RolloutStep
+from ...core.simulation.rollout.steps import SCENARIO_NAME, STEPS_NAME, read_steps
 from ...core.simulation.vehicle.actions import Plan
 from ...core.simulation.vehicle.parameters import Vehicle
 from ...core.world.captures import US_PER_SECOND
@@ -29,7 +29,7 @@ from ..reading.scenario import write_scenario
 from ..sampled.source import is_rollout
 from ..texts import Text, kmh, translatable
 
-SCORES, STEPS, SCENARIO = "scores.json", "steps.jsonl", "scenario.json"
+SCORES, STEPS, SCENARIO = "scores.json", STEPS_NAME, SCENARIO_NAME
 """Files of a rollout's folder."""
 MOST = 10_000
 
@@ -149,24 +149,14 @@ class RolloutTimes:
 def read_rollout(folder: Path) -> RolloutTimes:
     """Return what happened in a rollout, from its steps; a last line that is not whole is left out. Raises
     `OutputError`."""
-    path = folder / STEPS
-    with refused(path, "read", OutputError):
-        content = path.read_bytes()
-    steps = []
-    for number, line in enumerate(content[: content.rfind(b"\n") + 1].splitlines(), 1):
-        try:
-            steps.append(RolloutStep.from_json(json.loads(line)))
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError, UnisimError) as fault:
-            raise OutputError(f"{path}: line {number} is no step of a rollout: {in_a_line(fault)}") from fault
+    steps = read_steps(folder, mends=False)
     if not steps:
-        raise OutputError(f"{path}: holds no step")
+        raise OutputError(f"{folder / STEPS}: cannot be read: it is missing, or holds no step")
     times = np.array([step.time_us for step in steps]) / US_PER_SECOND
     plans = [
-        PlannedPath(
-            float(asked), step.action.times_us / US_PER_SECOND, np.stack([step.action.x_m, step.action.y_m], -1)
-        )
+        PlannedPath(float(asked), plan.times_us / US_PER_SECOND, np.stack([plan.x_m, plan.y_m], -1))
         for asked, step in zip(times, steps[1:], strict=False)
-        if isinstance(step.action, Plan)
+        if isinstance(plan := step.action, Plan)
     ]
     return RolloutTimes(times, tuple(plans))
 
@@ -191,26 +181,22 @@ def moments_of(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[Roll
     """Return what happened in a rollout by its scores, in order of time; ``names`` are the actors' for people, by
     id."""
 
-    def name(uid: object) -> str:
-        return names.get(str(uid), str(uid))
-
     events = []
     for contact in _member(scores, "collision").get("contacts") or ():
         if not contact.get("at_start"):
-            events.append(
-                RolloutEvent(float(contact["time_s"]), Text("Collision: {name}", name=name(contact["actor"])))
-            )
-    static = _member(scores, "static_collision")
-    if static.get("collided") and static.get("first_s") is not None:
-        events.append(RolloutEvent(float(static["first_s"]), Text("Collision: static scene")))
+            who = names.get(str(contact["actor"]), str(contact["actor"]))
+            events.append((contact["time_s"], Text("Collision: {name}", name=who)))
+    static, road = _member(scores, "static_collision"), _member(scores, "off_road")
+    if static.get("collided"):
+        events.append((static.get("first_s"), Text("Collision: static scene")))
+    if road.get("off_road"):
+        events.append((road.get("first_s"), Text("Off the road")))
     least = _member(scores, "time_to_collision")
-    if least.get("minimum_s") is not None:
-        words = Text("TTC {seconds:.1f} s: {name}", seconds=least["minimum_s"], name=name(least["actor"]))
-        events.append(RolloutEvent(float(least["minimum_at_s"]), words))
-    road = _member(scores, "off_road")
-    if road.get("off_road") and road.get("first_s") is not None:
-        events.append(RolloutEvent(float(road["first_s"]), Text("Off the road")))
-    return sorted(events, key=lambda moment: moment.time_s)
+    if (seconds := least.get("minimum_s")) is not None:
+        who = names.get(str(least["actor"]), str(least["actor"]))
+        events.append((least["minimum_at_s"], Text("TTC {seconds:.1f} s: {name}", seconds=seconds, name=who)))
+    timed = [RolloutEvent(float(time_s), text) for time_s, text in events if time_s is not None]
+    return sorted(timed, key=lambda event: event.time_s)
 
 
 ScoreRow = tuple[str, str, bool]
@@ -227,25 +213,18 @@ def score_rows(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[Scor
 
     hits = _member(scores, "collision")
     count = hits.get("count")
-    collisions = (
-        None
-        if count is None
-        else Text("{count}, at fault: {fault}", count=count, fault=hits.get("at_fault_count") or 0)
-    )
-    add(translatable("Collisions"), collisions, bool(count))
+    collisions = Text("{count}, at fault: {fault}", count=count, fault=hits.get("at_fault_count") or 0)
+    add(translatable("Collisions"), None if count is None else collisions, bool(count))
     for contact in hits.get("contacts") or ():
         who = names.get(contact["actor"], contact["actor"])
         words = Text("{name}, {speed}", name=who, speed=kmh(contact["relative_speed_m_s"]))
         rows.append((Text("At {time:.1f} s", time=contact["time_s"]), words, True))
     least = _member(scores, "time_to_collision")
     seconds = least.get("minimum_s")
-    add(
-        translatable("Least TTC"),
-        None
-        if seconds is None
-        else Text("{seconds:.1f} s at {time:.1f} s", seconds=seconds, time=least["minimum_at_s"]),
-        seconds is not None and seconds < 1,
+    soonest = seconds is not None and Text(
+        "{seconds:.1f} s at {time:.1f} s", seconds=seconds, time=least["minimum_at_s"]
     )
+    add(translatable("Least TTC"), soonest or None, seconds is not None and seconds < 1)
     for column in PLAIN:
         add(column.title, column.text(_member(scores, column.member).get(column.key)))
     away = _member(scores, "deviation").get("across_max_m")
@@ -257,10 +236,8 @@ def score_rows(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[Scor
             left = Text("left it by {length}", length=metres(road["farthest_m"]))
         add(translatable("Road"), left if road["off_road"] else Text("kept to it"), bool(road["off_road"]))
     smooth = _member(scores, "comfort").get("comfortable")
-    add(
-        translatable("Comfort"),
-        None if smooth is None else Text("within limits") if smooth else Text("limits exceeded"),
-    )
+    comfort = Text("within limits") if smooth else Text("limits exceeded")
+    add(translatable("Comfort"), None if smooth is None else comfort)
     unseen = _member(scores, "unsupported").get("mean_share")
     add(translatable("Unsupported"), None if unseen is None else f"{100 * unseen:.0f} %", bool(unseen and unseen > 0.2))
     return rows

@@ -162,30 +162,19 @@ def _about(kind: type[Model]) -> str:
 
 STEP_S = 0.1
 JITTER = "jitter."
-_MOST_JITTER = {
-    "ego_along_m": 100.0,
-    "ego_aside_m": 10.0,
-    "ego_yaw_deg": 180.0,
-    "ego_speed_m_s": 50.0,
-    "actors_s": 100.0,
+SETTINGS: Mapping[str, tuple[float, float, float]] = {
+    "start_s": (0.0, -1e6, 1e6),
+    "duration_s": (5.0, 0.01, 1e6),
+    "step_s": (STEP_S, 0.01, 10.0),
+    "delay_s": (0.0, 0.0, 10.0),
+    "seed": (0, 0, 2**31 - 1),
+    "jitter.ego_along_m": (0.0, 0.0, 100.0),
+    "jitter.ego_aside_m": (0.0, 0.0, 10.0),
+    "jitter.ego_yaw_deg": (0.0, 0.0, 180.0),
+    "jitter.ego_speed_m_s": (0.0, 0.0, 50.0),
+    "jitter.actors_s": (0.0, 0.0, 100.0),
 }
-DEFAULTS: Mapping[str, float] = {
-    "start_s": 0.0,
-    "duration_s": 5.0,
-    "step_s": STEP_S,
-    "delay_s": 0.0,
-    "seed": 0,
-    **{JITTER + name: 0.0 for name in _MOST_JITTER},
-}
-"""Values that settings show where the text states nothing."""
-LIMITS: Mapping[str, tuple[float, float]] = {
-    "start_s": (-1e6, 1e6),
-    "duration_s": (0.01, 1e6),
-    "step_s": (0.01, 10.0),
-    "delay_s": (0.0, 10.0),
-    "seed": (0, 2**31 - 1),
-    **{JITTER + name: (0.0, most) for name, most in _MOST_JITTER.items()},
-}
+"""Values that settings show where the text states nothing, and the settings' limits."""
 _PLACE = Path("the simulation of the scene")
 
 
@@ -197,14 +186,14 @@ def states(text: str, member: str) -> bool:
 def number_of(text: str, member: str) -> float:
     """Return a member's number as a setting shows it: the stated one within the setting's limits, else its default."""
     value = _stated(_read(text), member)
-    low, high = LIMITS[member]
-    return min(max(value if isinstance(value, int | float) else DEFAULTS[member], low), high)
+    default, low, high = SETTINGS[member]
+    return min(max(value if isinstance(value, int | float) else default, low), high)
 
 
 def stated_number(text: str, member: str) -> float:
     """Return a member's number as it is stated, else its default."""
     value = _read(text).get(member)
-    return value if isinstance(value, int | float) else DEFAULTS[member]
+    return value if isinstance(value, int | float) else SETTINGS[member][0]
 
 
 def from_time(text: str, start_s: float, end_s: float) -> str:
@@ -220,7 +209,7 @@ def with_number(text: str, member: str, value: float) -> str:
     the step, the one before where that changes."""
     if abs(value - number_of(text, member)) <= 1e-6 * max(abs(value), 1e-3):
         return text
-    low, high = LIMITS[member]
+    _, low, high = SETTINGS[member]
     value = min(max(float(f"{value:.6g}"), low), high)
     if member.startswith(JITTER):
         return _with_jitter(_read(text), member.removeprefix(JITTER), value)
@@ -233,7 +222,7 @@ def with_number(text: str, member: str, value: float) -> str:
 
 def with_default(text: str, member: str) -> str:
     """Return the text with a member's default stated."""
-    return _written({**_read(text), member: DEFAULTS[member]})
+    return _written({**_read(text), member: SETTINGS[member][0]})
 
 
 def without(text: str, member: str) -> str:
@@ -243,7 +232,7 @@ def without(text: str, member: str) -> str:
 
 def hidden_members(text: str) -> list[str]:
     """Return what a text states that no setting shows, by the members' names."""
-    return [name for name in _read(text) if name not in (*DEFAULTS, "actors", "jitter")]
+    return [name for name in _read(text) if name not in (*SETTINGS, "actors", "jitter")]
 
 
 def vehicle_parameters(text: str) -> dict[str, Any]:

@@ -77,17 +77,8 @@ class UNISIM_UL_actors(bpy.types.UIList):
         ranks = {entry.key: rank for rank, entry in enumerate(listing.table_of(context.scene).shown)}
         keys = [obj.session_uid for obj in objects]
         flags = [self.bitflag_filter_item if key in ranks else 0 for key in keys]
-        order, rest = [], len(ranks)
-        for key in keys:
-            if key in ranks:
-                order.append(ranks[key])
-            else:
-                order.append(rest)
-                rest += 1
-        # of entries whose object is gone the rank is free: positions have to be a permutation
-        if rest != len(keys):
-            order = dense(order)
-        return flags, order
+        # positions have to be a permutation: of entries whose object is gone the rank is free
+        return flags, dense([ranks.get(key, len(ranks) + place) for place, key in enumerate(keys)])
 
     def draw_filter(self, context, layout):  # type: ignore[no-untyped-def]
         """The panel has the filter, always open."""

@@ -7,8 +7,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import bpy
+import gpu
 import numpy as np
 from bpy_extras.view3d_utils import location_3d_to_region_2d
+from gpu_extras.batch import batch_for_shader
 from mathutils import Vector
 
 from ...bridge.objects.imported import imported_objects
@@ -69,8 +71,6 @@ def offset(scene: bpy.types.Scene, kind: str) -> Vector:
 
 def draw() -> None:
     """Called by Blender whenever a 3D view is drawn."""
-    import gpu
-
     context = bpy.context
     scene, space = context.scene, context.space_data
     shown = shown_points(scene) if space.overlay.show_overlays else None
@@ -145,8 +145,6 @@ def legend_size(context: bpy.types.Context) -> tuple[float, float] | None:
 
 
 def _shader() -> Any:
-    import gpu
-
     try:
         return gpu.shader.from_builtin("POINT_FLAT_COLOR")
     except ValueError:  # before Blender 4.5
@@ -154,8 +152,6 @@ def _shader() -> Any:
 
 
 def _batch(sweep: ViewedSweep, colours: PointColours) -> Any:
-    from gpu_extras.batch import batch_for_shader
-
     if not len(sweep.points):
         return None
     return batch_for_shader(_shader(), "POINTS", {"pos": sweep.points.astype(np.float32), "color": colours})

@@ -11,8 +11,8 @@ from bpy.app.handlers import persistent
 from ...bridge.objects.imported import source_of
 from ...bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.views.points import hide_points, put_sweeps
-from ...bridge.window import drive, redraw
+from ...bridge.views.points import hide_points, put_sweep
+from ...bridge.window import drive, redraw, run_soon
 from ...core.errors import UnisimError
 from ...core.world.drive import Lidar
 from ...core.world.encoding import decode_sensor
@@ -52,14 +52,14 @@ def show_recorded(scene: bpy.types.Scene) -> None:
     shows them then."""
     wanted = source_of(scene), scene.frame_current, scene.unisim.show_drops or scene.unisim.show_simulated
     if bpy.app.background:
-        put_sweeps(scene, recorded_sweeps(*wanted))
+        for sweep in recorded_sweeps(*wanted):
+            put_sweep(scene, sweep)
         return
     before = reading.pop(scene.name, None)
     if before is not None:
         before.cancel()
     reading[scene.name] = reader.submit(recorded_sweeps, *wanted)
-    if not bpy.app.timers.is_registered(show_read):
-        bpy.app.timers.register(show_read, first_interval=READ_S)
+    run_soon(show_read, READ_S)
 
 
 def show_read() -> float | None:
@@ -74,7 +74,8 @@ def show_read() -> float | None:
         if scene is None or future.cancelled() or not scene.unisim.show_recorded:
             continue
         try:
-            put_sweeps(scene, future.result())
+            for sweep in future.result():
+                put_sweep(scene, sweep)
         except (UnisimError, OSError) as fault:
             bpy.context.window_manager.unisim_points = str(fault)
         redraw("VIEW_3D")
@@ -105,11 +106,9 @@ def ask_sweeps(scene: bpy.types.Scene) -> None:
         sensor = decode_sensor(values["sensor"])
         same = isinstance(sensor, Lidar) and same_beams(sensor, values["time_s"], source.drive, frame_of(scene))
         waiting[key] = worker, worker.ask("lidar", **values), same, frame_of(scene)
-    if bpy.app.background:
-        while waiting:
-            gather()
-    elif not bpy.app.timers.is_registered(gather):
-        bpy.app.timers.register(gather, first_interval=POLL_S)
+    while bpy.app.background and waiting:
+        gather()
+    run_soon(gather, POLL_S)
 
 
 def gather() -> float | None:
@@ -127,9 +126,9 @@ def gather() -> float | None:
             print(f"Warning: {event['text']}")
             continue
         if event["event"] == "arrays" and scene is not None:
-            put_sweeps(
-                scene, simulated_sweeps(key[1], worker.arrays(event), event["beams"], event["actors"], same, frame)
-            )
+            arrays, beams, actors = worker.arrays(event), event["beams"], event["actors"]
+            for sweep in simulated_sweeps(key[1], arrays, beams, actors, same, frame):
+                put_sweep(scene, sweep)
         else:
             del waiting[key]
             if event["event"] == "error":
@@ -153,8 +152,8 @@ def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None)
 @persistent
 def follow_edits(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
     """Something changed: have a timer ask for the sweeps again, if they are others now."""
-    if scene.unisim.show_simulated and not bpy.app.background and not bpy.app.timers.is_registered(ask_again):
-        bpy.app.timers.register(ask_again, first_interval=EDIT_S)
+    if scene.unisim.show_simulated:
+        run_soon(ask_again, EDIT_S)
 
 
 def ask_again() -> None:

@@ -36,6 +36,17 @@ def put_on_vehicle(
     return sensor
 
 
+def mount_property(default: tuple[float, float, float]) -> Any:
+    """Return the property that is a new sensor's place."""
+    return FloatVectorProperty(
+        name="Mount",
+        description="Position in the frame of the vehicle",
+        default=default,
+        subtype="XYZ_LENGTH",
+        unit="LENGTH",
+    )
+
+
 class _OnVehicle(Needing):
     bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, vehicle)
@@ -104,13 +115,7 @@ class UNISIM_OT_add_camera(_OnVehicle, bpy.types.Operator):
     fov_deg: FloatProperty(
         name="Horizontal FOV", description="Horizontal field of view in degrees", default=70.0, min=1.0, max=170.0
     )
-    mount: FloatVectorProperty(
-        name="Mount",
-        description="Position in the frame of the vehicle",
-        default=(1.2, 0.0, 1.6),
-        subtype="XYZ_LENGTH",
-        unit="LENGTH",
-    )
+    mount: mount_property((1.2, 0.0, 1.6))
     yaw_deg: FloatProperty(name="Yaw", description="Rotation to the left in degrees", default=0.0)
     pitch_deg: FloatProperty(name="Pitch", description="Rotation upwards in degrees", default=0.0)
 
@@ -163,17 +168,10 @@ class UNISIM_OT_add_lidar(_OnVehicle, _Beams, bpy.types.Operator):
 
     bl_label = "Add LiDAR"
 
-    mount: FloatVectorProperty(
-        name="Mount",
-        description="Position in the frame of the vehicle",
-        default=(0.0, 0.0, 2.0),
-        subtype="XYZ_LENGTH",
-        unit="LENGTH",
-    )
+    mount: mount_property((0.0, 0.0, 2.0))
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """With the maker's beam table, or one's own."""
         name = "lidar" if self.preset == OWN else self.preset
         put_on_vehicle(context, name, self.table(), Matrix.Translation(self.mount))
         return {"FINISHED"}

@@ -1,5 +1,7 @@
 """Panel Sensors: cameras and LiDARs as a list, the active one's card, and rig presets."""
 
+from typing import Any
+
 import bpy
 from bpy.props import IntProperty
 
@@ -25,23 +27,11 @@ def active_index(scene: bpy.types.Scene) -> int:
     return next((i for i, obj in enumerate(scene.objects) if obj == active), -1)
 
 
-def activate(scene: bpy.types.Scene, index: int) -> None:
-    """Select the sensor that was clicked in the list."""
-    choose(bpy.context, scene.objects[index])
-
-
 class UNISIM_UL_sensors(bpy.types.UIList):
     """Cameras and LiDARs of the drive; a click selects"""
 
     def draw_item(
-        self,
-        context: bpy.types.Context,
-        layout: bpy.types.UILayout,
-        data: bpy.types.Scene,
-        item: bpy.types.Object,
-        icon: int,
-        active_data: bpy.types.Scene,
-        active_propname: str,
+        self, context: Any, layout: Any, data: Any, item: Any, icon: int, active_data: Any, active_propname: str
     ) -> None:
         """Draw the camera's button, name, resolution or beams, and whether it is rendered."""
         there, looked = not item.hide_render, data.camera == item
@@ -74,11 +64,8 @@ class UNISIM_UL_sensors(bpy.types.UIList):
         if self.filter_name:
             wanted = self.filter_name.lower()
             flags = [flag if wanted in obj.name.lower() else 0 for flag, obj in zip(flags, every, strict=True)]
-        ranked = sorted(range(len(every)), key=lambda i: (every[i].unisim.kind, every[i].name))
-        order = [0] * len(every)
-        for place, i in enumerate(ranked):
-            order[i] = place
-        return flags, order
+        named = [(i, obj.unisim.kind, obj.name) for i, obj in enumerate(every)]
+        return flags, bpy.types.UI_UL_list.sort_items_helper(named, key=lambda item: item[1:])
 
 
 class UNISIM_MT_rig_presets(bpy.types.Menu):
@@ -88,7 +75,6 @@ class UNISIM_MT_rig_presets(bpy.types.Menu):
     bl_description = "Put a rig on the vehicle: built-in ones, which approximate public data sets, and your own"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw all presets by their files' names."""
         layout = self.layout
         built_in = translatable("Built-in"), translatable("Built-in: none yet"), built_in_rigs()
         own = translatable("Own"), translatable("Own: none yet"), own_presets()
@@ -107,7 +93,6 @@ class UNISIM_MT_remove_rig(bpy.types.Menu):
     bl_description = "Delete one of your own rig presets"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw one's own presets."""
         self.layout.operator_context = "INVOKE_DEFAULT"
         files = own_presets()
         for path in files:
@@ -155,4 +140,10 @@ class UNISIM_PT_sensors(DrivePanel, bpy.types.Panel):
         column.operator("unisim.aim_sensor", icon="ORIENTATION_GIMBAL")
 
 
-PROPERTIES = ((bpy.types.Scene, "unisim_sensor_index", IntProperty(get=active_index, set=activate)),)
+PROPERTIES = (
+    (
+        bpy.types.Scene,
+        "unisim_sensor_index",
+        IntProperty(get=active_index, set=lambda scene, index: choose(bpy.context, scene.objects[index])),
+    ),
+)

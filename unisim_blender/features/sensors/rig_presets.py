@@ -139,7 +139,6 @@ class UNISIM_OT_remove_rig(bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Delete the file, if it is a preset of one's own."""
         path = Path(self.filepath)
         if path not in own_presets():
             raise UnisimError(message("{path}: is no rig preset in Blender's presets folders", path=path))

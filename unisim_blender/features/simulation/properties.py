@@ -147,7 +147,7 @@ for _member, _about in PARAMETERS.items():
 def _number(member: str, **about: Any) -> Any:
     """Return a property that shows a number of the simulation's text."""
     kind = IntProperty if member == "seed" else FloatProperty
-    low, high = stated.LIMITS[member]
+    _, low, high = stated.SETTINGS[member]
 
     def read(self: Any) -> float:
         value = stated.number_of(self.document, member)

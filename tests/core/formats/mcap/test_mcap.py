@@ -28,7 +28,7 @@ from PIL import Image
 
 from unisim_blender.core.errors import OutputError
 from unisim_blender.core.export.finished_run import FinishedRun
-from unisim_blender.core.export.formats import check_run_formats, write_run
+from unisim_blender.core.export.formats import check_formats, write_run
 from unisim_blender.core.geometry import make_pose
 from unisim_blender.core.sequence.plan import SequenceSettings
 
@@ -260,8 +260,8 @@ def test_a_missing_file_is_named_and_nothing_is_left(tmp_path: Path) -> None:
 def test_what_frames_lack_is_said() -> None:
     settings = SequenceSettings(("front",), ("top",), formats=("png", "npz"))
     with pytest.raises(OutputError, match=r"a.json: the format mcap is made of labels files"):
-        check_run_formats(("pandaset", "mcap"), settings, Path("a.json"))
+        check_formats(("pandaset", "mcap"), settings, Path("a.json"))
     images = SequenceSettings(("front",), (), formats=("png", "labels"))
-    check_run_formats(("mcap", "coco"), images, Path("a.json"))
+    check_formats(("mcap", "coco"), images, Path("a.json"))
     with pytest.raises(OutputError, match="made of npz files"):
-        check_run_formats(("mcap",), replace(images, lidars=("top",)), Path("a.json"))
+        check_formats(("mcap",), replace(images, lidars=("top",)), Path("a.json"))

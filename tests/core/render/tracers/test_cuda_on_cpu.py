@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.util
+import re
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +15,14 @@ from random_scene import CONFIGS, PASSES, edited, image_rays, saved
 from render.tracers.test_compiled_tracer import FEW, bits, needs_library, sweep_rays
 from whole_drive import bound_to
 
+from unisim_blender.core import cuda_driver
 from unisim_blender.core.render.quality import QUALITIES
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.sensors.frames import RenderStats
 
+MOST_SPILLED = {"unisim_trace_rays": 4, "unisim_judge_blocks": 12, "unisim_fill_pixels": 12}
+"""Bytes that a thread of a kernel may spill."""
 BESIDE_TORCH = """
 from pathlib import Path
 from render.tracers import test_compiled_tracer as t
@@ -78,3 +83,44 @@ def test_marches_as_the_compiled_tracer_does(tmp_path: Path, name: str) -> None:
             continue
         same = np.isclose(traced[key], values, rtol=1e-3, atol=1e-3) | (traced[key] == values)
         assert (~same.reshape(len(values), -1).all(1)).sum() <= FEW, key
+
+
+@pytest.mark.slow
+def test_registers_and_spills_of_the_kernels(tmp_path: Path) -> None:
+    path = Path(__file__).parents[4] / "tools" / "compile_cuda.py"
+    spec = importlib.util.spec_from_file_location("compile_cuda", path)
+    assert spec is not None and spec.loader is not None
+    tool = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(tool)
+    try:
+        tool.compiler()
+    except SystemExit as error:
+        pytest.skip(str(error))
+    uses = {(use.kernel, use.capability): use for use in tool.compiled(tmp_path / "kernels.fatbin", (80, 90))}
+    assert len(uses) == 2 * len({kernel for kernel, _ in uses}) >= 12
+    for (kernel, capability), use in uses.items():
+        assert use.spilled + use.spilled_by_functions <= MOST_SPILLED.get(kernel, 0), (kernel, capability)
+    for capability in ("sm_80", "sm_90"):
+        trace = uses["unisim_trace_rays", capability]
+        assert trace.registers <= 168 and trace.occupancy >= 0.18
+
+
+@pytest.mark.slow
+def test_nvrtc_compiles_the_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if cuda_driver.nvrtc() is None:
+        pytest.skip("NVRTC is not installed")
+    monkeypatch.setenv("UNISIM_CACHE", str(tmp_path))
+    code = cuda_driver.compiled("90")
+    assert code.startswith(b"\x7fELF") and b"unisim_trace_rays" in code and b"unisim_fill_pixels" in code
+    monkeypatch.setattr(cuda_driver, "nvrtc", lambda: object())
+    assert cuda_driver.compiled("90") == code
+
+
+def test_nvrtc_is_given_one_source_without_headers_of_others() -> None:
+    assert cuda_driver.SOURCE is not None
+    text = cuda_driver._with_includes(cuda_driver.SOURCE / "cuda" / "kernels.cu", set())
+    assert "#include" not in text and text.count("struct unisim_scene {") == 1 and "unisim_trace_rays" in text
+    # what the header before it declares is all that it takes of std
+    names = set(re.findall(r"std::(\w+)", text))
+    declared = set(re.findall(r"using ::(\w+)|constexpr const T &(\w+)", cuda_driver.NVRTC_HEADER))
+    assert names <= {name for pair in declared for name in pair}

@@ -4,32 +4,42 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
+import functools
+import os
 import shutil
 import subprocess
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from analytic_scene import still
+from drive_frames import DriveFrames
 from random_scene import CONFIGS, PASSES, TINY, edited, image_rays, saved
-from render.tracers.test_compiled_tracer import bits, needs_library, same_find, sweep_rays
+from render.tracers.test_compiled_tracer import FEW, bits, close, needs_library, same_find, sweep_rays
 from whole_drive import bound_to
 
 from unisim_blender.core import cuda_driver
+from unisim_blender.core.cli.commands.render import default_jobs
 from unisim_blender.core.cuda_driver import GpuMemory, GpuMemoryError
 from unisim_blender.core.errors import UnisimError
+from unisim_blender.core.executors import Processes
+from unisim_blender.core.geometry import Trajectory, quaternion_from_yaw
+from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.meshes.hits import MeshHits
+from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.quality import QUALITIES
+from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.compiled import gpu
-from unisim_blender.core.render.tracers.compiled.gpu import GpuBackend, GpuScene, TraceInputsStruct
+from unisim_blender.core.render.tracers.compiled.gpu import GpuBackend, GpuScene, ImageInputsStruct, TraceInputsStruct
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
-from unisim_blender.core.scenes.recipe import backend_name, environment, pick_device
-from unisim_blender.core.sensors.frames import RenderStats
-from unisim_blender.core.sensors.rays import Rays
-from unisim_blender.core.world.drive import Appearance
+from unisim_blender.core.scenes.recipe import backend_name, environment, gpu_of, pick_device
+from unisim_blender.core.sensors.frames import CAMERA_PASSES, CameraFrame, RenderStats
+from unisim_blender.core.sensors.rays import Rays, exposure_window
+from unisim_blender.core.world.drive import Appearance, CameraModel, Drive, RollingShutter
 
 SOURCE = Path(__file__).parents[3] / "support" / "cuda_driver_on_cpu.cpp"
 pytestmark = [needs_library, pytest.mark.skipif(shutil.which("g++") is None, reason="the driver is compiled by g++")]
@@ -57,14 +67,16 @@ def driver(built: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ctypes.CDLL
     assert library is not None
     library.limit_memory.argtypes, library.memory_in_use.restype = [ctypes.c_size_t], ctypes.c_size_t
     library.limit_memory(1 << 32)
+    device = cuda_driver.gpu(0)
     yield library
+    device.trim()
     for cache in caches:
         cache.cache_clear()
 
 
 def both(folder: Path, quality: str = "balanced", other: Path | None = None) -> tuple[GpuBackend, CompiledBackend]:
     others = {} if other is None else {"other": CompiledScene(other)}
-    scene, device = CompiledScene(folder), cuda_driver.gpu()
+    scene, device = CompiledScene(folder), cuda_driver.gpu(0)
     on_gpu = {name: GpuScene(each, device) for name, each in others.items()}
     return (
         GpuBackend(GpuScene(scene, device), QUALITIES[quality], on_gpu),
@@ -80,6 +92,14 @@ def test_beside_the_compiled_tracer(driver: ctypes.CDLL, tmp_path: Path, name: s
     for rays, sky in ((image_rays(drive), True), (sweep_rays(drive), False)):
         stats = RenderStats(), RenderStats()
         traced = [tracer.trace(rays, PASSES, sky, None, of) for tracer, of in zip((fast, slow), stats, strict=True)]
+        if not sky:
+            directions = rays.flat().directions
+            returns = [tracer.returns(result, directions) for tracer, result in zip((fast, slow), traced, strict=True)]
+            for a, b in zip(*returns, strict=True):
+                close(a, b, rays.time_s.shape, 5e-3)
+            # features of beams stay on the GPU
+            assert traced[0].feature.size == 0 and traced[0].returned is not None
+            traced[0].feature = traced[1].feature
         same_find(traced[0], traced[1], rays.time_s.shape)
         assert stats[0].rays == stats[1].rays and stats[0].actors_skipped == stats[1].actors_skipped
         assert abs(stats[0].samples_spent - stats[1].samples_spent) <= 1e-3 * stats[1].samples_spent + 2
@@ -107,6 +127,175 @@ def test_foreign_actors_and_meshes(
     same_find(traced[0], traced[1], rays.time_s.shape)
 
 
+SINGLE = dataclasses.replace(TINY, upsample=1, decoder_kernel=1)
+"""A scene whose pixels depend on their own rays alone."""
+LENSES = {
+    "pinhole": CameraModel(97, 66, 80.0, 80.0, 48.0, 33.0),
+    "rows": CameraModel(97, 66, 80.0, 80.0, 48.0, 33.0, RollingShutter(0.05)),
+    "columns": CameraModel(64, 41, 80.0, 80.0, 32.0, 20.0, RollingShutter(-0.05, 0.2, "columns")),
+    "fisheye": CameraModel(
+        48, 34, 13.0, 13.0, 24.0, 16.0, RollingShutter(0.03), OpenCVFisheye(k1=-0.02, max_angle_deg=105)
+    ),
+}
+
+
+@pytest.fixture
+def launches(driver: ctypes.CDLL, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Names of the kernels that were launched."""
+    names: list[str] = []
+    launch = cuda_driver.Gpu.launch
+
+    def noted(self: cuda_driver.Gpu, name: str, *more: Any) -> None:
+        names.append(name)
+        launch(self, name, *more)
+
+    monkeypatch.setattr(cuda_driver.Gpu, "launch", noted)
+    return names
+
+
+def passes_of(frame: CameraFrame) -> dict[str, Any]:
+    names = ("rgb", "depth_m", "z_depth_m", "normal", "instance", "opacity", "unsupported")
+    return {name: value for name in names if (value := getattr(frame, name)) is not None}
+
+
+def of_small_images(backends: tuple[GpuBackend, CompiledBackend]) -> tuple[GpuBackend, CompiledBackend]:
+    """The backends, as if their scene had learnt from small images: theirs are traced from a lattice."""
+    header: Any = backends[0].scene.header
+    header.training["width"] = 16
+    return backends
+
+
+def moving(drive: Drive, model: CameraModel) -> Drive:
+    """The drive with one camera of a model, which moves and turns."""
+    front = drive.cameras["front"]
+    turned = np.stack([quaternion_from_yaw(np.array([yaw]))[0] for yaw in (0.0, 0.2)])
+    stands = front.world_from_camera
+    along = Trajectory(
+        np.array([-1.0, 1.0]),
+        stands.positions[0] + np.array([[0.0, 0, 0], [1.5, 0.3, 0]]),
+        np.stack([multiplied(q, stands.quaternions_wxyz[0]) for q in turned]),
+    )
+    return dataclasses.replace(
+        drive, cameras={"front": dataclasses.replace(front, model=model, world_from_camera=along)}
+    )
+
+
+def multiplied(a: Any, b: Any) -> Any:
+    """The product of two quaternions, wxyz."""
+    (w, *v), (s, *u) = a, b
+    return np.array([w * s - np.dot(v, u), *(w * np.array(u) + s * np.array(v) + np.cross(v, u))])
+
+
+@pytest.mark.parametrize("lens", LENSES)
+@pytest.mark.parametrize("quality", ("balanced", "fine", "reference"))
+def test_images_beside_the_compiled_tracer(launches: list[str], tmp_path: Path, lens: str, quality: str) -> None:
+    drive = moving(edited(), LENSES[lens])
+    frames = [
+        DriveFrames(Renderer(backend), drive).camera("front", 2, CAMERA_PASSES)
+        for backend in of_small_images(both(saved(tmp_path / "scene", SINGLE), quality))
+    ]
+    assert launches.count("unisim_begin_image") == 1 and "unisim_fill_pixels" in launches
+    assert launches.count("unisim_trace_rays") == {"balanced": 5, "fine": 3, "reference": 1}[quality]
+    fast, slow = map(passes_of, frames)
+    assert fast.keys() == slow.keys() and frames[0].instances == frames[1].instances
+    for name, values in slow.items():
+        assert fast[name].dtype == values.dtype, name
+        a, b = (x.astype(float).reshape(-1, values[0, 0].size) for x in (fast[name], values))
+        differ = ~(np.isclose(a, b, rtol=5e-3, atol=5e-3) | (a == b)).all(1)
+        assert differ.sum() <= 3 * FEW, name
+    stats = [frame.stats for frame in frames]
+    assert abs(stats[0].rays - stats[1].rays) <= 0.003 * stats[1].rays
+    assert abs(stats[0].samples_spent - stats[1].samples_spent) <= 0.005 * stats[1].samples_spent
+    assert stats[0].samples_saved > 0
+
+
+@pytest.mark.parametrize("lens", ("rows", "fisheye"))
+def test_images_whose_cells_are_several_pixels(launches: list[str], tmp_path: Path, lens: str) -> None:
+    drive = moving(edited(), LENSES[lens])
+    several = dataclasses.replace(SINGLE, upsample=3)
+    frames = [
+        DriveFrames(Renderer(backend), drive).camera("front", 2, CAMERA_PASSES, None, region)
+        for backend in both(saved(tmp_path / "scene", several))
+        for region in (None, Region(7, 5, 30, 21))
+    ]
+    assert launches.count("unisim_begin_image") == 2
+    for fast, slow in zip(map(passes_of, frames[:2]), map(passes_of, frames[2:]), strict=True):
+        for name, values in slow.items():
+            assert fast[name].shape == values.shape and fast[name].dtype == values.dtype, name
+            a, b = (x.astype(float).reshape(-1, values[0, 0].size) for x in (fast[name], values))
+            assert (~(np.isclose(a, b, rtol=5e-3, atol=5e-3) | (a == b)).all(1)).sum() <= 9 * FEW, name
+
+
+def test_an_image_of_the_sample(launches: list[str]) -> None:
+    sample = Path(__file__).parents[4] / "sample" / "scene"
+    fast, slow = (
+        DriveFrames(Renderer(backend), backend.scene.header.drive).camera("front_camera", 10, ("rgb", "depth"), 160)
+        for backend in of_small_images(both(sample))
+    )
+    assert "unisim_begin_image" in launches
+    error = np.mean((fast.rgb.astype(float) - slow.rgb) ** 2)
+    assert -10 * np.log10(error) > 60 and np.abs(fast.rgb - slow.rgb).max(-1).mean() < 1e-4
+    assert fast.stats.rays < 0.85 * fast.rgb[..., 0].size
+    assert fast.depth_m is not None and slow.depth_m is not None
+    hit = np.isfinite(slow.depth_m) & np.isfinite(fast.depth_m)
+    assert np.median(np.abs(fast.depth_m[hit] - slow.depth_m[hit])) < 1e-4
+
+
+def test_parts_of_an_image_and_images_that_stay(launches: list[str], tmp_path: Path) -> None:
+    drive = moving(edited(), LENSES["rows"])
+    backend, _ = of_small_images(both(saved(tmp_path / "scene", SINGLE)))
+    frames = DriveFrames(Renderer(backend), drive)
+    whole = passes_of(first := frames.camera("front", 2, CAMERA_PASSES))
+    expected = {name: values.copy() for name, values in whole.items()}
+    in_use = len(launches)
+    for region in (Region(21, 10, 70, 51), Region(0, 0, 3, 2), Region(90, 60, 97, 66)):
+        part = passes_of(frames.camera("front", 2, CAMERA_PASSES, None, region))
+        for name, values in part.items():
+            cut = expected[name][region.top : region.bottom, region.left : region.right]
+            assert np.array_equal(values, cut), name
+    assert len(launches) > in_use
+    camera = frames.captures.camera("front")
+    state = frames.states.state(*exposure_window(camera, 0.2))
+    tiles = list(frames.renderer.progressive(state, camera, 0.2, CAMERA_PASSES, coarse=(8,), band=20))
+    assert [tile.region.top for tile in tiles] == [0, 20, 40, 60] and {tile.stride for tile in tiles} == {(1, 1)}
+    assert np.array_equal(np.concatenate([tile.frame.rgb for tile in tiles]), expected["rgb"])
+    # arrays of earlier images are nobody else's
+    frames.camera("front", 4, CAMERA_PASSES)
+    for name, values in passes_of(first).items():
+        assert np.array_equal(values, expected[name]), name
+
+
+def test_images_allocate_nothing_anew_and_take_the_room_and_the_memory_that_there_is(
+    driver: ctypes.CDLL, launches: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drive = moving(edited(), LENSES["pinhole"])
+    folder = saved(tmp_path / "scene", SINGLE)
+    backend, _ = of_small_images(both(folder))
+    frames = DriveFrames(Renderer(backend), drive)
+    expected = passes_of(frames.camera("front", 2, CAMERA_PASSES))
+    allocated = driver.memory_in_use()
+    monkeypatch.setattr(cuda_driver.Gpu, "pinned", lambda self, shape, kind: np.empty(shape, kind))
+    driver.limit_memory(allocated)
+    frames.camera("front", 3, CAMERA_PASSES)
+    assert driver.memory_in_use() == allocated
+    driver.limit_memory(1 << 32)
+    monkeypatch.setattr(gpu, "SAMPLES", 16)
+    monkeypatch.setattr(gpu, "SEGMENTS", 2)
+    del launches[:]
+    for name, values in passes_of(frames.camera("front", 2, CAMERA_PASSES)).items():
+        assert np.array_equal(values, expected[name]), name
+    assert launches.count("unisim_begin_image") > 1
+    # less than an image needs: its rays are traced a few at a time
+    backend.gpu_scenes[""].gpu.trim()
+    driver.limit_memory(driver.memory_in_use() + 1_000_000)
+    del launches[:]
+    monkeypatch.setattr("unisim_blender.core.render.tracers.compiled.tracer.CHUNK_RAYS", 500)
+    region = Region(40, 20, 64, 36)
+    part = frames.camera("front", 2, CAMERA_PASSES, None, region)
+    assert np.abs(part.rgb - expected["rgb"][20:36, 40:64]).mean() < 1e-4
+    assert "unisim_fill_pixels" not in launches
+
+
 def test_rays_without_room_and_memory_that_is_short(
     driver: ctypes.CDLL, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -114,6 +303,8 @@ def test_rays_without_room_and_memory_that_is_short(
     backend, _ = both(saved(tmp_path / "scene", TINY))
     tracer, rays = bound_to(backend, drive), image_rays(drive)
     whole = bits(tracer.trace(rays, PASSES, True, None, RenderStats()))
+    device = backend.gpu_scenes[""].gpu
+    assert device.trim()
     in_use = driver.memory_in_use()
     launched: list[int] = []
     launch = cuda_driver.Gpu.launch
@@ -129,11 +320,13 @@ def test_rays_without_room_and_memory_that_is_short(
         monkeypatch.setattr(gpu, "SEGMENTS", segments)
         for name, values in bits(tracer.trace(rays, PASSES, True, None, RenderStats())).items():
             assert np.array_equal(values, whole[name], equal_nan=True), name
+        assert device.trim()
         assert driver.memory_in_use() == in_use
     assert launched[0] < rays.time_s.size and len(launched) > 5
     driver.limit_memory(in_use + 1000)
     with pytest.raises(GpuMemoryError, match="out of memory"):
         tracer.trace(rays, PASSES, True, None, RenderStats())
+    device.trim()
     assert driver.memory_in_use() == in_use
     del tracer, backend
     assert driver.memory_in_use() == 0
@@ -156,11 +349,13 @@ def test_any_number_of_rays_and_clipped_views(driver: ctypes.CDLL, tmp_path: Pat
 def test_structures_have_the_sizes_of_the_kernels(driver: ctypes.CDLL) -> None:
     driver.size_of_inputs.restype = ctypes.c_size_t
     assert driver.size_of_inputs() == ctypes.sizeof(TraceInputsStruct)
+    driver.size_of_image.restype = ctypes.c_size_t
+    assert driver.size_of_image() == ctypes.sizeof(ImageInputsStruct)
 
 
 def test_memory_of_the_gpu_is_its_own(driver: ctypes.CDLL) -> None:
     values = np.arange(5.0)
-    with GpuMemory(cuda_driver.gpu()) as memory:
+    with GpuMemory(cuda_driver.gpu(0)) as memory:
         copy, cleared = memory.upload(values), memory.allocate(40, clear=True)
         back = np.ones(5)
         memory.download(copy, back)
@@ -176,7 +371,53 @@ def test_a_gpu_is_taken_where_one_traces(driver: ctypes.CDLL, monkeypatch: pytes
     assert pick_device("auto") == "cuda" and backend_name("cuda") == "gpu" and backend_name("cpu") == "compiled"
     assert environment("cuda")["gpu"] == "a CPU" and "gpu" not in environment("cpu")
     monkeypatch.setattr(cuda_driver, "KERNELS", tmp_path / "none.fatbin")
+    monkeypatch.setattr(cuda_driver, "nvrtc", lambda: object())
+    assert not cuda_driver.missing()
+    monkeypatch.setattr(cuda_driver, "nvrtc", lambda: None)
     assert "make cuda" in cuda_driver.missing() and backend_name("cuda") == "torch"
     monkeypatch.setattr(cuda_driver, "LIBRARY", "libnone.so")
     cuda_driver.driver.cache_clear()
     assert "no NVIDIA GPU" in cuda_driver.missing() and pick_device("auto") != "gpu"
+
+
+def test_one_gpu_for_each_worker(driver: ctypes.CDLL, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    assert default_jobs("cuda") == 1
+    driver.have_devices(3)
+    try:
+        assert default_jobs("cuda") == 3 and default_jobs("cuda:2") == 1
+        numbers = [
+            result.get()
+            for result in Processes().run(functools.partial(gpu_numbers, cuda_driver.LIBRARY, tmp_path), [0, 1], 2)
+        ]
+        assert {number for number, _ in numbers} == {"0", "1"}
+        assert all(number == str(gpu) for number, gpu in numbers)
+        monkeypatch.setenv("UNISIM_WORKER", "5")
+        assert gpu_of("cuda") is cuda_driver.gpu(2) and gpu_of("cuda:1") is cuda_driver.gpu(1)
+        with pytest.raises(UnisimError, match="--device cuda:3: there is no such GPU; this machine has 3"):
+            gpu_of("cuda:3")
+        with pytest.raises(UnisimError, match="--device cuda:x: is none of"):
+            gpu_of("cuda:x")
+    finally:
+        driver.have_devices(1)
+
+
+def gpu_numbers(library: str, folder: Path) -> Callable[[int], tuple[str, int]]:
+    """A function that returns a worker's number, and that of the GPU that it takes of three, when two workers are there."""
+    cuda_driver.LIBRARY, cuda_driver.KERNELS = library, Path(library)
+    found = cuda_driver.driver()
+    assert found is not None
+    found.have_devices(3)
+    chosen: list[int] = []
+    setattr(cuda_driver, "gpu", chosen.append)  # noqa: B010
+    number = os.environ["UNISIM_WORKER"]
+
+    def of_unit(unit: int) -> tuple[str, int]:
+        (folder / number).touch()
+        for _ in range(600):
+            if len(list(folder.iterdir())) == 2:
+                break
+            time.sleep(0.1)
+        gpu_of("cuda")
+        return number, chosen[-1]
+
+    return of_unit

@@ -83,7 +83,6 @@ class BatchProgress:
 
     @property
     def rate(self) -> float:
-        """Captures a second."""
         return self.captures / max(self.seconds, 1e-9)
 
     def on_kept(self, count: int) -> None:

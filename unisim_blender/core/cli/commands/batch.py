@@ -59,7 +59,8 @@ def shard_of(context: click.Context, option: click.Parameter, value: str | None)
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
-    help=f"Workers, of one thread each. [default: one a core, here at most {MOST_JOBS}; all that a cluster has room for]",
+    help="Workers, of one thread each. "
+    f"[default: one a GPU, or a core, here at most {MOST_JOBS}; all that a cluster has room for]",
 )
 @click.option(
     "--gpus-per-worker",
@@ -147,7 +148,7 @@ def command(
         gpus_per_worker = 1.0 if options.device.startswith("cuda") else 0.0
     executor = executor_at("processes" if on == SHARDS else on, gpus_per_worker)
     if jobs is None and not (isinstance(executor, RayCluster) and executor.named):
-        jobs = default_jobs()
+        jobs = default_jobs(options.device)
     if store.seen_by_its_process_only and on != "this-process":
         raise UnisimError(f"{out}: is of one process alone; give --on this-process")
     options = replace(options, frames=frames, passes=pass_names(passes))

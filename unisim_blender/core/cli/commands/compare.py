@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import click
 
 from ...evaluation.comparison.methods import ABLATIONS, BASELINES, OURS, USUAL
 from ...prepare.selection import split_names
 from ...progress import Bar
-from ...render.quality import QUALITIES
+from ..options import PATH, QUALITY, out_option
 
 
 @click.command()
-@click.argument("log", type=click.Path(path_type=Path))
-@click.option(
-    "--out", required=True, type=click.Path(path_type=Path), help="Folder of scenes, metrics, tables and the page."
-)
+@click.argument("log", type=PATH)
+@out_option("Folder of scenes, metrics, tables and the page.")
 @click.option(
     "--methods",
     metavar="A,B",
@@ -36,7 +35,7 @@ from ...render.quality import QUALITIES
     "--scenario",
     "scenarios",
     multiple=True,
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="An edit of the street; several, one option each. [default: LOG/scenarios, or the usual ones]",
 )
 @click.option(
@@ -45,24 +44,13 @@ from ...render.quality import QUALITIES
     metavar="METRES DEGREES",
     help="Train on moving actors' boxes with noise, and tell how much of it is taken back.",
 )
-@click.option(
-    "--quality", type=click.Choice(list(QUALITIES)), default="balanced", show_default=True, help="Samples a ray."
-)
-@click.option("--lpips", metavar="FILE", type=click.Path(path_type=Path), help="Weights of LPIPS, to measure it.")
-@click.option(
-    "--fid", metavar="FILE", type=click.Path(path_type=Path), help="TorchScript of Inception, to measure FID."
-)
+@click.option("--quality", type=QUALITY, default="balanced", show_default=True, help="Samples a ray.")
+@click.option("--lpips", metavar="FILE", type=PATH, help="Weights of LPIPS, to measure it.")
+@click.option("--fid", metavar="FILE", type=PATH, help="TorchScript of Inception, to measure FID.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda or mps.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of every random choice.")
 @click.option("--quiet", is_flag=True, help="No progress bars.")
-def command(  # noqa: PLR0913
-    log: Path, out: Path, methods: str | None, minutes: float, iterations: int | None, frames: str,
-    cameras: str | None,
-    width: int,
-    truth_frames: int, scenarios: tuple[Path, ...], disturb: tuple[float, float] | None, quality: str,
-    lpips: Path | None,
-    fid: Path | None, device: str, seed: int, quiet: bool,
-) -> None:  # fmt: skip
+def command(log: Path, out: Path, quiet: bool, **given: Any) -> None:
     """Train methods on the drive at LOG, each within a budget, and compare what they render: replay, lane
     shifts and edits.
 
@@ -72,13 +60,10 @@ def command(  # noqa: PLR0913
     from ...evaluation.comparison.methods import CompareOptions
     from ...evaluation.comparison.run import compare
 
-    if not minutes > 0:
+    if not given["minutes"] > 0:
         raise click.UsageError("--minutes must be positive")
-    options = CompareOptions(
-        split_names(methods), minutes, iterations, frames, split_names(cameras) or (), width, truth_frames,
-        scenarios or None,
-        disturb, quality, device, seed, lpips, fid,
-    )  # fmt: skip
+    names = {"methods": split_names(given["methods"]), "cameras": split_names(given["cameras"]) or ()}
+    options = CompareOptions(**given | names | {"scenarios": given["scenarios"] or None})
 
     def progress(items: Iterable[int], what: str) -> Iterable[int]:
         return Bar(items, desc=what, unit="frame", dynamic_ncols=True, disable=quiet)

@@ -8,6 +8,7 @@ import click
 
 from ...errors import UnisimError
 from ...progress import Bar
+from ..options import PATH, out_option
 
 
 def _writers_help() -> str:
@@ -21,7 +22,7 @@ def _writers_help() -> str:
 
 
 @click.command("convert")
-@click.argument("source", metavar="SOURCE", type=click.Path(path_type=Path))
+@click.argument("source", metavar="SOURCE", type=PATH)
 @click.option("--to", "layout", metavar="LAYOUT", help=f"{_writers_help()}.")
 @click.option(
     "--from",
@@ -30,9 +31,7 @@ def _writers_help() -> str:
     help="SOURCE is a file of this format; a scenario is made of it.",
 )
 @click.option(
-    "--log",
-    type=click.Path(path_type=Path),
-    help="With --from: the log, scenario or trained scene that the file's entities are actors of.",
+    "--log", type=PATH, help="With --from: the log, scenario or trained scene that the file's entities are actors of."
 )
 @click.option(
     "--map",
@@ -41,9 +40,7 @@ def _writers_help() -> str:
     metavar="ENTITY=ACTOR",
     help="With --from: the log's actor that an entity of the file is, or ego; may be given more than once.",
 )
-@click.option(
-    "--out", required=True, type=click.Path(path_type=Path), help="Folder to write; it must be empty or not be there."
-)
+@out_option()
 @click.option("--quiet", is_flag=True, help="No progress bar.")
 def command(
     source: Path,

@@ -11,7 +11,7 @@ from ...export.formats import RUN_FORMATS, RolloutFormats
 from ...files import hold_folder
 from ...prepare.scenario_plan import RenderOptions
 from ...progress import Bar
-from ..options import SourceParam, render_options
+from ..options import PATH, SourceParam, out_option, render_options
 
 
 def _drivers_help() -> str:
@@ -26,12 +26,10 @@ def _drivers_help() -> str:
 @click.option("--driver-address", metavar="HOST:PORT", help="Where a driver listens that is a process of its own.")
 @click.option(
     "--driver-ca",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Certificates (PEM) by which a driver on another machine is known: it is asked through TLS.",
 )
-@click.option(
-    "--out", required=True, type=click.Path(path_type=Path), help="Folder to write; it must be empty or not be there."
-)
+@out_option()
 @click.option("--seed", type=click.IntRange(min=0), help="Of starts and of actors. [default: the scenario's, or 0]")
 @click.option(
     "--start", "start_s", type=float, metavar="S", help="Seconds. [default: the scenario's, or the first frame's]"
@@ -98,7 +96,7 @@ def command(
     endpoint = None if driver_address is None else Endpoint(driver_address, driver_ca)
     kind = driver_named(driver, endpoint)
     if rollouts is not None:
-        seeds = Seeds(scenario, options, asked, driver, out, resume, film, endpoint, RolloutFormats(formats))
+        seeds = Seeds(scenario, options, asked, driver, out, resume, endpoint, RolloutFormats(formats, film))
         with Bar(total=rollouts, unit="rollout", dynamic_ncols=True) as bar:
             for done in run_seeds(seeds, seed or 0, rollouts, jobs):
                 bar.update()
@@ -108,7 +106,7 @@ def command(
         raise UnisimError("--jobs: one rollout runs in one process; give --rollouts, too")
     click.get_current_context().with_resource(hold_folder(out))
     opened = open_scenario(scenario, options)
-    write = RolloutFormats(formats)(opened)
+    write = RolloutFormats(formats, film)(opened)
     simulation = opened.simulation(asked, kind, out)
     note_scenario(simulation.scenario, out, resume)
     for sentence in simulation.plan.about.get("warnings", ()):
@@ -116,7 +114,7 @@ def command(
     context = simulation.context
     steps = -(-(context.stop_us - context.start_us) // context.step_us)
     with Bar(total=steps, unit="step", dynamic_ncols=True, smoothing=0.1) as bar:
-        done = complete(simulation, options, on_step=lambda world: bar.update(), film=film, write=write)
+        done = complete(simulation, options, on_step=lambda world: bar.update(), write=write)
     click.echo(score_table(done.scores))
     if done.anew:
         click.echo(f"Warning: {done.anew} captures are not what the driver saw and were rendered anew", err=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import click
 from ...data.splits import SPLITS
 from ...prepare.selection import split_names
 from ...progress import Bar
-from ...render.quality import QUALITIES
+from ..options import PATH, QUALITY, out_option
 
 HELD_OUT = "1::2"
 """Frames that a split is measured on: even frames train, odd frames test."""
@@ -20,18 +21,10 @@ LEFT_TO_THE_FILE = ("by_sensor", "pixels", "chamfer_squared_m2", "depth_median_s
 
 
 @click.command()
-@click.argument("paths", nargs=-1, metavar="SCENE LOG | SCENARIO...", type=click.Path(path_type=Path))
-@click.option(
-    "--out", required=True, type=click.Path(path_type=Path), help="Folder for metrics.json, index.html and images."
-)
-@click.option(
-    "--truth", metavar="STREET", type=click.Path(path_type=Path), help="Measure scenarios against this street's truth."
-)
-@click.option(
-    "--scene",
-    type=click.Path(path_type=Path),
-    help="With --truth: the trained scene, in place of those that scenarios name.",
-)
+@click.argument("paths", nargs=-1, metavar="SCENE LOG | SCENARIO...", type=PATH)
+@out_option("Folder for metrics.json, index.html and images.")
+@click.option("--truth", metavar="STREET", type=PATH, help="Measure scenarios against this street's truth.")
+@click.option("--scene", type=PATH, help="With --truth: the trained scene, in place of those that scenarios name.")
 @click.option("--frames", metavar="START:STOP:STEP", help="Frames by number. [default: those that were not trained on]")
 @click.option("--cameras", metavar="A,B", help="Cameras by name. [default: those that were trained on]")
 @click.option(
@@ -40,35 +33,17 @@ LEFT_TO_THE_FILE = ("by_sensor", "pixels", "chamfer_squared_m2", "depth_median_s
 @click.option(
     "--split", type=click.Choice(sorted(SPLITS)), help="SCENE and LOG hold a folder for each log of this split."
 )
-@click.option(
-    "--quality",
-    type=click.Choice(list(QUALITIES)),
-    default="balanced",
-    show_default=True,
-    help="Samples a ray.",
-)
-@click.option(
-    "--lpips", "lpips_weights", metavar="FILE", type=click.Path(path_type=Path), help="Weights of LPIPS, to measure it."
-)
+@click.option("--quality", type=QUALITY, default="balanced", show_default=True, help="Samples a ray.")
+@click.option("--lpips", "lpips_weights", metavar="FILE", type=PATH, help="Weights of LPIPS, to measure it.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda or mps.")
 def command(
-    paths: tuple[Path, ...],
-    out: Path,
-    truth: Path | None,
-    scene: Path | None,
-    frames: str | None,
-    cameras: str | None,
-    width: int | None,
-    split: str | None,
-    quality: str,
-    lpips_weights: Path | None,
-    device: str,
+    paths: tuple[Path, ...], out: Path, truth: Path | None, scene: Path | None, split: str | None, **given: Any
 ) -> None:
     """Render held-out frames of SCENE and compare them with LOG; with --truth, compare SCENARIOs with
     a street's truth."""
     from ...evaluation.recorded_runs import EvaluationOptions, evaluate_scene, evaluate_split, flat_metrics
 
-    options = EvaluationOptions(frames, split_names(cameras), width, quality, lpips_weights, device)
+    options = EvaluationOptions(**given | {"cameras": split_names(given["cameras"])})
     if truth is not None:
         from ...evaluation.truth_runs import evaluate_scenarios
 
@@ -84,7 +59,7 @@ def command(
         if split is None:
             metrics = evaluate_scene(trained, log, out, options, _progress)
         else:
-            options = EvaluationOptions(frames or HELD_OUT, split_names(cameras), width, quality, lpips_weights, device)
+            options = replace(options, frames=options.frames or HELD_OUT)
             metrics = evaluate_split(SPLITS[split], trained, log, out, options, _progress)
     for name, value in flat_metrics(metrics):
         if not any(part in LEFT_TO_THE_FILE for part in name.split(".")):

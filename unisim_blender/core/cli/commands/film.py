@@ -10,14 +10,15 @@ import click
 from ...files import hold_folder
 from ...prepare.selection import split_names
 from ...progress import Bar
+from ..options import PATH
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=PATH)
 @click.option("--sensors", metavar="A,B", help="Cameras and LiDARs by name, in this order. [default: all]")
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="File to write, .mp4, or .html for a page that plays the film. [default: FOLDER/film.mp4, or FOLDER/film.html "
     "where imageio-ffmpeg is missing]",
 )

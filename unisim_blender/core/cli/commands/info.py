@@ -16,6 +16,7 @@ from ...data.values import doubts
 from ...errors import UnisimError, short
 from ...json_file import read_json
 from ...world.drive import Camera, Drive, Lidar
+from ..options import PATH
 
 if TYPE_CHECKING:
     from ...model.scene_file import SceneHeader
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("path", type=click.Path(path_type=Path))
+@click.argument("path", type=PATH)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(path: Path, as_json: bool) -> None:
     """Tell what PATH holds: a log, a trained scene (a folder), or a scenario (a JSON file)."""

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import click
 
+from ..options import PATH
+
 
 @click.command()
-@click.argument("outputs", type=click.Path(path_type=Path))
-@click.argument("labels", type=click.Path(path_type=Path))
+@click.argument("outputs", type=PATH)
+@click.argument("labels", type=PATH)
 @click.option(
     "--agreement", is_flag=True, help="LABELS are detections too, on other sensor data: compare with those, at IoU 0.3."
 )
@@ -27,7 +29,7 @@ import click
     "--resamples", default=1000, show_default=True, type=click.IntRange(1), help="Resamples behind the intervals."
 )
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="What the resamples are drawn from.")
-@click.option("--out", type=click.Path(path_type=Path), help="File for all metrics, as JSON.")
+@click.option("--out", type=PATH, help="File for all metrics, as JSON.")
 def command(
     outputs: Path,
     labels: Path,

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import click
 
+from ... import cuda_driver
 from ...errors import UnisimError
 from ...executors import EXECUTORS
-from ...export.formats import check_sequence_formats, write_sequence
+from ...export.formats import check_formats, write_sequence
 from ...prepare.renderers import RENDERERS, UNTRAINED_DEFAULT
 from ...prepare.scenario_plan import RenderOptions, plan_scenario, sequence_formats
 from ...prepare.selection import split_names
@@ -19,7 +20,7 @@ from ...scenario.types import SEQUENCE_FORMATS
 from ...sensors.error_bound import parse_bounds
 from ...sensors.frames import FORMER_PASSES
 from ...sequence.run import MANIFEST_NAME, render_sequence
-from ..options import SourceParam, render_options
+from ..options import SourceParam, out_option, render_options
 
 MOST_JOBS = 8
 """Processes that are started unasked: each holds the scene."""
@@ -27,9 +28,7 @@ MOST_JOBS = 8
 
 @click.command()
 @click.argument("scenario", type=SourceParam())
-@click.option(
-    "--out", required=True, type=click.Path(path_type=Path), help="Folder to write; it must be empty or not be there."
-)
+@out_option()
 @click.option("--frames", metavar="START:STOP:STEP", help="Frames by number, or one number. [default: the scenario's]")
 @click.option(
     "--times",
@@ -59,7 +58,7 @@ MOST_JOBS = 8
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
-    help=f"Processes, of one thread each. [default: one a core, at most {MOST_JOBS}]",
+    help=f"Processes, of one thread each. [default: one a GPU, or a core, at most {MOST_JOBS}]",
 )
 @click.option(
     "--executor",
@@ -109,7 +108,7 @@ def command(
     )
     plan, prepared = plan_scenario(scenario, options)
     wanted = {*sequence_formats(prepared.scenario), *formats, *(("video",) if video else ())}
-    check_sequence_formats(wanted, plan.settings, scenario)
+    check_formats(wanted, plan.settings, scenario)
     for sentence in plan.about.get("warnings", ()):
         click.echo(f"Warning: {sentence}", err=True)
     with Bar(total=1.0, bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}", dynamic_ncols=True, delay=0.5) as bar:
@@ -120,7 +119,7 @@ def command(
         report = render_sequence(
             plan,
             out,
-            jobs or default_jobs(),
+            jobs or default_jobs(options.device),
             resume,
             on_moment=lambda key: bar.update(),
             on_reused=bar.update,
@@ -148,6 +147,8 @@ def pass_names(text: str | None) -> tuple[str, ...] | None:
     return names and tuple(FORMER_PASSES.get(name, name) for name in names)
 
 
-def default_jobs() -> int:
-    """One process a core, within reason."""
+def default_jobs(device: str) -> int:
+    """One process a GPU, or a core, within reason."""
+    if device.startswith("cuda"):
+        return 1 if ":" in device else max(1, cuda_driver.count())
     return min(os.cpu_count() or 1, MOST_JOBS)

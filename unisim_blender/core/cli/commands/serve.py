@@ -8,17 +8,16 @@ import click
 
 from ...errors import UnisimError
 from ...prepare.scenario_plan import RenderOptions
-from ...prepare.selection import split_names
-from ...render.quality import QUALITIES
+from ..options import PATH, render_options
 
 
 @click.command("serve")
-@click.argument("scenes", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("scenes", nargs=-1, required=True, type=PATH)
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
 @click.option("--port", default=6011, show_default=True, type=click.IntRange(0, 65535), help="0 takes a free one.")
-@click.option("--tls-cert", type=click.Path(path_type=Path), help="Certificate (PEM): calls come through TLS.")
-@click.option("--tls-key", type=click.Path(path_type=Path), help="The certificate's private key (PEM).")
-@click.option("--token-file", type=click.Path(path_type=Path), help="File with the token that callers have to state.")
+@click.option("--tls-cert", type=PATH, help="Certificate (PEM): calls come through TLS.")
+@click.option("--tls-key", type=PATH, help="The certificate's private key (PEM).")
+@click.option("--token-file", type=PATH, help="File with the token that callers have to state.")
 @click.option(
     "--timeout",
     "timeout_s",
@@ -27,12 +26,7 @@ from ...render.quality import QUALITIES
     type=click.FloatRange(0.1, 3600.0),
     help="Seconds that a call takes at most.",
 )
-@click.option("--sensors", metavar="A,B", help="Cameras and LiDARs by name. [default: all of the scenarios']")
-@click.option(
-    "--quality", type=click.Choice(list(QUALITIES)), help="Samples per ray. [default: the scenarios', or balanced]"
-)
-@click.option("--renderer", metavar="NAME", help="As of `unisim render`.")
-@click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
+@render_options("the scenarios'", without=("width", "scene"))
 def command(
     scenes: tuple[Path, ...],
     host: str,
@@ -41,14 +35,10 @@ def command(
     tls_key: Path | None,
     token_file: Path | None,
     timeout_s: float,
-    sensors: str | None,
-    quality: str | None,
-    renderer: str | None,
-    device: str,
+    options: RenderOptions,
 ) -> None:
     """Serve SCENES, scenarios, logs or trained scenes, to AlpaSim and other clients of its renderer's service."""
     from ...formats.alpasim.endpoints import read_file
-    from ...scenes.recipe import pick_device
     from ...serve.scenes import open_scenes
     from ...serve.server import Listening, serve_until_signalled
 
@@ -59,9 +49,6 @@ def command(
         except UnicodeDecodeError as error:
             raise UnisimError(f"{token_file}: is no text") from error
     where = Listening(host, port, tls_cert, tls_key, token)
-    options = RenderOptions(
-        sensors=split_names(sensors), quality=quality, renderer=renderer, device=pick_device(device)
-    )
     opened = open_scenes(scenes, options)
     for scene in opened.values():
         for sentence in scene.warnings:

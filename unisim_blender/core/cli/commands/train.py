@@ -10,11 +10,12 @@ import click
 from ...errors import UnisimError
 from ...presets import PRESETS, SignedDistance
 from ...training.config import ABLATIONS, GPU_RAYS, RAYS
+from ..options import PATH
 
 
 @click.command()
-@click.argument("log", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the trained scene.")
+@click.argument("log", type=PATH)
+@click.option("--out", type=PATH, required=True, help="Folder of the trained scene.")
 @click.option(
     "--preset",
     default="small",

@@ -70,7 +70,6 @@ class Firings:
         return np.asarray(np.arctan2(self.local[:, 1], self.local[:, 0]))
 
     def chosen(self, which: NDArray[np.bool_] | slice) -> Firings:
-        """Return some of them."""
         return Firings(self.laser[which], self.time_s[which], self.local[which])
 
     def far(self) -> Firings:

@@ -105,7 +105,6 @@ class Argoverse2Log(FileLog):
         return f"intrinsics.feather gives {camera}"
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
-        """The recorded returns."""
         return self._read_sweep(lidar, frame)[0]
 
     def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
@@ -204,7 +203,6 @@ class Argoverse2Log(FileLog):
         return table
 
     def _bright(self) -> list[FloatArray]:
-        """Intensities of some sweeps."""
         return [self._read_table(frame)["intensity"] for frame in spread(self._sweeps)]
 
     def _fired(

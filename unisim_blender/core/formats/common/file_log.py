@@ -149,3 +149,20 @@ def ranges(frames: Iterable[int]) -> str:
         else:
             parts.append([frame, frame])
     return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in parts)
+
+
+MAX_TEXT_BYTES = 64 * 2**20
+
+
+def read_text(path: Path) -> str:
+    """Return a text file. Raises `LogError`."""
+    try:
+        if path.stat().st_size > MAX_TEXT_BYTES:
+            raise LogError(f"{path}: refused, it has more than {MAX_TEXT_BYTES // 2**20} MiB")
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise LogError(f"{path}: is missing") from error
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise LogError(f"{path}: is not UTF-8 text (byte {error.start})") from error

@@ -31,21 +31,17 @@ class Run(Protocol):
 
     def about(self) -> dict[str, str]:
         """Return the metadata that messages do not have, as texts by name."""
-        ...
 
     def name_of(self, image: ImageMessage) -> str:
         """Return the name of an image in files that refer to it."""
-        ...
 
     def messages(self) -> Iterator[Message]:
         """Yield everything in the order of time. Raises `LogError` and `OutputError` for files that are missing or
         broken."""
-        ...
 
     def images(self) -> Iterator[tuple[ImageMessage, Node]]:
         """Yield all images in the order of time, each with its boxes' poses in its camera's frame, by actor. Raises as
         `messages`."""
-        ...
 
 
 @dataclass(frozen=True)

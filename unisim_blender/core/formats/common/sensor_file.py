@@ -21,14 +21,12 @@ from ...lenses import PINHOLE
 from ...lenses.lens import Lens
 from ...world.drive import LidarModel, Readouts, RollingShutter, SpinPhase
 from ...world.drive_json import (
-    lidar_model_to_json,
-    phase_to_json,
+    arrays_to_json,
     read_lens,
     read_lidar_model,
     read_phase,
     read_readouts,
     read_shutter,
-    readouts_to_json,
 )
 
 FORMAT, VERSION = "unisim-log", 1
@@ -78,7 +76,7 @@ def write_setup(log: Path, setup: LogSetup) -> None:
             name: {
                 "shutter": shutter.to_dict(),
                 **({"lens": setup.lenses[name].to_dict()} if setup.lenses.get(name, PINHOLE) != PINHOLE else {}),
-                **({"readouts": readouts_to_json(setup.readouts[name])} if name in setup.readouts else {}),
+                **({"readouts": arrays_to_json(setup.readouts[name])} if name in setup.readouts else {}),
             }
             for name, shutter in setup.shutters.items()
         },
@@ -119,8 +117,8 @@ def read_setup(log: Path) -> LogSetup | None:
 
 def _lidar_json(lidar: LidarSetup) -> dict[str, object]:
     mount, phase = lidar.ego_from_lidar.tolist(), lidar.phase
-    about = {"device": lidar.device, "ego_from_lidar": mount, "model": lidar_model_to_json(lidar.model)}
-    return about if phase is None else {**about, "phase": phase_to_json(phase)}
+    about = {"device": lidar.device, "ego_from_lidar": mount, "model": arrays_to_json(lidar.model)}
+    return about if phase is None else {**about, "phase": arrays_to_json(phase)}
 
 
 def _read_lidar(node: Node) -> LidarSetup:

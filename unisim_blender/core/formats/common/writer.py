@@ -56,7 +56,6 @@ class LogWriter(Protocol):
     def plan(self, log: Log, path: Path) -> WritePlan:
         """Plan a log in the folder ``path``, which need not be there yet; nothing of images and sweeps is read before a
         part is written. Raises `OutputError` for a drive that the layout has no place for."""
-        ...
 
 
 WRITERS: Registry[LogWriter] = Registry("a writer", "unisim_blender.log_writers", ("name", "about", "version", "plan"))

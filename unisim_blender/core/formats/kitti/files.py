@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ...data.image_files import MAX_SIDE, Notes, files_by_stem
 from ...errors import LogError, in_a_line, short
 from ...geometry import FloatArray, nearest_rotation
+from ..common.file_log import read_text
 
-MAX_TEXT_BYTES = 64 * 2**20
 MAX_SWEEP_BYTES = 64 * 2**20
 """A sweep of 114 000 points has 1.8 MB."""
 PERIOD_S = 0.1
@@ -73,20 +73,6 @@ class KittiFiles:
     notes: list[str] = field(default_factory=list)
     image_times: dict[str, dict[int, float]] = field(default_factory=dict)
     """Of cameras that the LiDAR does not trigger."""
-
-
-def read_text(path: Path) -> str:
-    """Return a text file. Raises `LogError`."""
-    try:
-        if path.stat().st_size > MAX_TEXT_BYTES:
-            raise LogError(f"{path}: refused, it has more than {MAX_TEXT_BYTES // 2**20} MiB")
-        return path.read_text(encoding="utf-8")
-    except FileNotFoundError as error:
-        raise LogError(f"{path}: is missing") from error
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise LogError(f"{path}: is not UTF-8 text (byte {error.start})") from error
 
 
 def numbered_lines(path: Path) -> Iterator[tuple[int, str]]:

@@ -16,6 +16,7 @@ from ...data.image_files import Notes, image_suffixes, what_else
 from ...data.values import check_angles
 from ...errors import LogError, in_a_line, short
 from ...geometry import FloatArray, invert_pose, make_pose, quaternion_from_yaw
+from ..common.file_log import read_text
 from . import VELODYNE, beside_tracking
 from .files import (
     CAMERAS,
@@ -31,7 +32,6 @@ from .files import (
     numbers,
     read_raw,
     read_stamps,
-    read_text,
     read_tracking,
     rows_of_numbers,
 )

@@ -128,7 +128,6 @@ class KittiLog(FileLog):
         )
 
     def _bright(self) -> list[FloatArray]:
-        """Intensities of some sweeps."""
         return [read_points(self._files.sweeps[frame])[:, 3] for frame in spread(self._files.sweeps)]
 
     def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:

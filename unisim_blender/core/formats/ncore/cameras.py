@@ -106,10 +106,7 @@ def parameters_of(model: CameraModel, where: str) -> Any:
         )
     if isinstance(lens, OpenCVFisheye):
         return data.OpenCVFisheyeCameraModelParameters(
-            **shared,
-            **placed,
-            radial_coeffs=_float32(lens.k1, lens.k2, lens.k3, lens.k4),
-            max_angle=_reach(model),
+            **shared, **placed, radial_coeffs=_float32(lens.k1, lens.k2, lens.k3, lens.k4), max_angle=_reach(model)
         )
     if isinstance(lens, FTheta):
         return _f_theta(model, lens, shared, where)

@@ -144,13 +144,11 @@ class _Masks(MasksComponent.Reader):
 
 class _Camera(CameraSensorComponent.Reader):
     def frame(self, end_us: int) -> Any:
-        """Return the group of a frame."""
         return self._get_frame_group(end_us)
 
 
 class _Lidar(LidarSensorComponent.Reader):
     def frame(self, end_us: int) -> Any:
-        """Return the group of a frame."""
         return self._get_frame_group(end_us)
 
 

@@ -17,7 +17,7 @@ from ...errors import LogError
 from ...json_file import MAX_INTEGER, Node
 from ...lenses.lens import LensError
 from ...world.drive import CameraModel, LidarModel, Readouts, RollingShutter, SpinPhase
-from ...world.drive_json import phase_to_json, read_phase, read_readouts, read_shutter, readouts_to_json
+from ...world.drive_json import arrays_to_json, read_phase, read_readouts, read_shutter
 
 KEY, VERSION = "unisim", 1
 NANOSECONDS, CLASSES, NO_CELL = "unisim_time_ns", "unisim_semantic", "unisim_no_cell"
@@ -107,7 +107,7 @@ def lidar_json(model: LidarModel, phase: SpinPhase | None) -> dict[str, Any]:
     if model.column_azimuth_rad is None:
         table[_START] = model.start_azimuth_rad
     about: dict[str, Any] = {"table": table}
-    return about if phase is None else {**about, "phase": phase_to_json(phase)}
+    return about if phase is None else {**about, "phase": arrays_to_json(phase)}
 
 
 def camera_json(model: CameraModel, readouts: Readouts | None) -> dict[str, Any]:
@@ -116,7 +116,7 @@ def camera_json(model: CameraModel, readouts: Readouts | None) -> dict[str, Any]
     return {
         "shutter": model.shutter.to_dict(),
         **({} if angle is None else {"max_angle_deg": angle}),
-        **({} if readouts is None else {"readouts": readouts_to_json(readouts)}),
+        **({} if readouts is None else {"readouts": arrays_to_json(readouts)}),
     }
 
 

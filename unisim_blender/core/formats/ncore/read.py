@@ -99,7 +99,6 @@ class NcoreLog(FileLog):
         )
 
     def sweep_frames(self, lidar: str) -> tuple[int, ...]:
-        """Frames of which the LiDAR has a sweep."""
         return tuple(sorted(self._ends[lidar])) if lidar in self.drive.lidars else ()
 
     def image_path(self, camera: str, frame: int) -> Path | None:
@@ -146,7 +145,6 @@ class NcoreLog(FileLog):
         return read_sweep(bundle, self.drive.lidars[lidar], frame, self._epoch_us, place, scale)
 
     def _bright(self, lidar: str) -> list[NDArray[np.float32]]:
-        """Intensities of some sweeps."""
         ends = self._ends[lidar]
         bright = (self._parts.bundle(lidar, ends[frame]).intensity for frame in spread(ends))
         return [values[np.isfinite(values)] for values in bright]

@@ -265,18 +265,16 @@ class NcoreWriter:
     def mounts(self) -> dict[str, Mount | None]:
         """Where sensors sit on the vehicle, by name; None for those that do not ride on it, which get poses over time."""
         start, end = ((time - self._epoch_us) / 1e6 for time in (self._start_us, self._end_us))
-        sensors: dict[str, Camera | Lidar] = {**self.drive.cameras, **self.drive.lidars}
-        times = {name: np.array(sorted(sensor.time_s.values())) for name, sensor in sensors.items()}
+        ego = self.drive.world_from_ego
         return {
-            name: mount_of(track, self.drive.world_from_ego, start, end, times[name])
-            for name, track in self._sensor_tracks.items()
+            name: mount_of(sensor.trajectory, ego, start, end, np.array(sorted(sensor.time_s.values())))
+            for name, sensor in self.drive.sensors.items()
         }
 
     @property
     def _sensor_tracks(self) -> dict[str, Trajectory]:
         """The trajectories of all sensors by name."""
-        cameras = {name: camera.world_from_camera for name, camera in self.drive.cameras.items()}
-        return cameras | {name: lidar.world_from_lidar for name, lidar in self.drive.lidars.items()}
+        return {name: sensor.trajectory for name, sensor in self.drive.sensors.items()}
 
     def _write_cuboids(self) -> None:
         from ncore import data
@@ -308,8 +306,7 @@ class NcoreWriter:
     def _span(self) -> tuple[int, int]:
         """The sequence's first and last microsecond: all that a sensor measures lies between them."""
         drive = self.drive
-        sensors: list[Camera | Lidar] = [*drive.cameras.values(), *drive.lidars.values()]
-        captured = [time_s for sensor in sensors for time_s in sensor.time_s.values()]
+        captured = [time_s for sensor in drive.sensors.values() for time_s in sensor.time_s.values()]
         times = np.array([*(drive.time_s[frame] for frame in drive.frames), *captured])
         if not len(times) or not np.isfinite(times).all():
             raise OutputError(f"{self.path}: a drive without frames, or with times that are not finite, is no sequence")
@@ -389,10 +386,7 @@ def _as_file(name: str) -> str:
 
 
 def write_ncore(
-    path: Path | str,
-    log: Log,
-    epoch_us: int = EPOCH_US,
-    on_capture: Callable[[str, int], None] | None = None,
+    path: Path | str, log: Log, epoch_us: int = EPOCH_US, on_capture: Callable[[str, int], None] | None = None
 ) -> None:
     """Write a whole log as an NCore sequence in a new folder: images as they are, sweeps with drops, poses, cuboids, masks.
 

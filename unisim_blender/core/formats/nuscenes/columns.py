@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import LogError, in_a_line
+from ...errors import LogError, in_a_line, refused
 from ...geometry import BoolArray, FloatArray, Trajectory
 from ...world.drive import LidarModel
 
@@ -122,16 +122,13 @@ class SweepColumns:
 
     @property
     def count(self) -> int:
-        """Number of columns."""
         return len(self.origins)
 
 
 def count_columns(path: Path, rings: int = RINGS) -> int:
     """Return the number of columns in a file, by its size. Raises `LogError`."""
-    try:
+    with refused(path, "read", LogError):
         size = path.stat().st_size
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read ({error.strerror})") from error
     if not size or size % (ROW_BYTES * rings):
         raise LogError(f"{path}: is cut off, its {size} bytes are no whole number of columns of {rings} points")
     if size > MAX_BYTES:

@@ -128,7 +128,6 @@ class NuscenesLog(FileLog):
         )
 
     def _bright(self) -> list[NDArray[np.float32]]:
-        """Intensities of some sweeps."""
         return [
             read_columns(self._sweeps[frame], rings=self._rings).intensity.ravel() for frame in spread(self._sweeps)
         ]

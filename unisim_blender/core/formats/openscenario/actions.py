@@ -14,17 +14,7 @@ from ...errors import ScenarioError, short
 from .distances import distance_between
 from .document import Document, NotUnderstoodError, XmlNode, innermost, read_child
 from .entities import Entity, Hangs
-from .motions import (
-    FASTEST_M_S,
-    Arrives,
-    Done,
-    Dynamics,
-    KeepsBeside,
-    KeepsGap,
-    Profile,
-    Running,
-    control,
-)
+from .motions import FASTEST_M_S, Arrives, Done, Dynamics, KeepsBeside, KeepsGap, Profile, Running, control
 from .paths import Place
 from .positions import Positions
 from .routing import Routing, Start

@@ -90,7 +90,6 @@ class Trigger:
     met_when_empty: bool
 
     def met(self, board: Storyboard, time_s: float) -> bool:
-        """Whether it is met now."""
         if not self.groups:
             return self.met_when_empty
         # all are asked each time, as an edge is seen only by who looked before

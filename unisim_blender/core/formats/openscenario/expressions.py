@@ -139,7 +139,6 @@ class _Expression:
         return value
 
     def _next(self, *signs: str) -> str | None:
-        """Take the next token if it is one of these."""
         if self.at < len(self.tokens):
             kind, text = self.tokens[self.at]
             if kind in ("sign", "word") and text in signs:

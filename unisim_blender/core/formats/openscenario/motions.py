@@ -53,7 +53,6 @@ class Controls:
         return getattr(self.entity, self.axis) is not self.controller
 
     def stop(self, time_s: float) -> None:
-        """Take the controller away."""
         if not self.done(time_s):
             self.entity.changed(time_s)
             setattr(self.entity, self.axis, None)
@@ -134,11 +133,9 @@ class Change:
         return (time_s - self.begins_s) / self.takes_s if self.takes_s > 0 else 1.0
 
     def value(self, time_s: float) -> float:
-        """Return the speed, or the place."""
         return self.start + (self.target() - self.start) * eased(self.shape, self._share(time_s))
 
     def done(self, time_s: float) -> bool:
-        """Whether it is there."""
         return not self.continuous and self._share(time_s) >= 1 - 1e-9
 
 
@@ -181,7 +178,6 @@ class Profile:
         return float(np.interp(time_s, self.times_s, self.speeds))
 
     def done(self, time_s: float) -> bool:
-        """Whether the last time is over."""
         return time_s >= self.times_s[-1] - 1e-9
 
 
@@ -206,7 +202,6 @@ class KeepsGap:
         return max(min(wanted, now + accelerates * step), now - brakes * step, 0.0)
 
     def done(self, time_s: float) -> bool:
-        """Whether the way is as long as it shall be."""
         off = self.off(time_s)
         return not self.continuous and (off is None or abs(off) < 0.05)
 
@@ -225,7 +220,6 @@ class KeepsBeside:
     across_m_s: float = 0.0
 
     def value(self, time_s: float) -> float:
-        """Return how far left of the path it is."""
         goal, now, step = self.goal(time_s), self.entity.left_m, time_s - self.last_s
         self.last_s = time_s
         if goal is None or step <= 0:
@@ -238,7 +232,6 @@ class KeepsBeside:
         return now + self.across_m_s * step
 
     def done(self, time_s: float) -> bool:
-        """Whether it is there."""
         goal = self.goal(time_s)
         return not self.continuous and (goal is None or abs(goal - self.entity.left_m) < 1e-3)
 
@@ -277,5 +270,4 @@ class Arrives:
         return min(max(now + (6 * way / takes - 4 * now - 2 * final) * min(step / takes, 0.25), 0.0), FASTEST_M_S)
 
     def done(self, time_s: float) -> bool:
-        """Whether both have arrived."""
         return self.over

@@ -49,7 +49,6 @@ class Element:
         self.state, self.began = "running", tick
 
     def end(self, tick: int, stopped: bool = False) -> None:
-        """Complete it at a tick."""
         self.state, self.ended, self.was_stopped = "complete", tick, stopped
 
 
@@ -93,7 +92,6 @@ class StoryReader:
         """Entities whose place at the start is not understood."""
 
     def init(self, board: XmlNode) -> list[InitAction]:
-        """Return what Init does."""
         init_actions: list[InitAction | None] = []
         actions = board.child("Init", "Actions")
         for private in [] if actions is None else actions.children():

@@ -342,7 +342,6 @@ class Storyboard:
         event.running = []
 
     def _stop_all(self, element: Element) -> None:
-        """Stop an element and all of its parts."""
         for part in element.children:
             self._stop_all(part)
         if element.state != "complete":

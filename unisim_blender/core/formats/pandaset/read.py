@@ -18,27 +18,21 @@ from ...errors import LogError, in_a_line
 from ...geometry import FloatArray, Trajectory, TrajectoryError, make_pose, transform_points
 from ...lenses import PINHOLE
 from ...world.drive import Camera, CameraModel, Drive, Lidar
-from ..common.file_log import FileLog, absent_frames
+from ..common.file_log import FileLog, absent_frames, read_text
 from ..common.sensor_file import LidarSetup, LogSetup, read_setup
 from . import sensors as sensors
 from .actors import read_actors
 from .safe_pickle import read_table
 
-MAX_JSON_BYTES = 64 * 2**20
 CLOSEST_S = 1e-6
 """Between two frames' times: between closer ones speeds are beyond numbers."""
 
 
 def read_json(path: Path) -> Any:
     """The JSON document at ``path``."""
+    text = read_text(path)
     try:
-        if path.stat().st_size > MAX_JSON_BYTES:
-            raise LogError(f"{path}: refused, it has more than {MAX_JSON_BYTES // 2**20} MiB")
-        return json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise LogError(f"{path}: is missing") from error
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read ({error.strerror})") from error
+        return json.loads(text)
     except (ValueError, RecursionError) as error:
         raise LogError(f"{path}: is not valid JSON ({in_a_line(error)})") from error
 
@@ -226,7 +220,6 @@ class PandasetLog(FileLog):
         return self._located(self.drive.lidars[lidar], stamp_s, points, time_s, bright, semantic[keep])
 
     def _bright(self) -> list[FloatArray]:
-        """Intensities of some sweeps."""
         tables = (read_table(self._sweeps[frame], SWEEP_COLUMNS) for frame in spread(self._sweeps))
         return [table["i"].astype(np.float64) for table in tables]
 

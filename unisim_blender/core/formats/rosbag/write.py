@@ -51,10 +51,4 @@ def write_rosbag(run: Run, path: Path) -> None:
                     writer.write(connections[topic], message.time_ns, TYPES.serialize_cdr(content, kind))
 
 
-ROSBAG = RunFormat(
-    "rosbag",
-    "rosbag",
-    ("rosbags.rosbag2", "rosbags.typesys"),
-    ("png", "npz", "labels"),
-    write_rosbag,
-)
+ROSBAG = RunFormat("rosbag", "rosbag", ("rosbags.rosbag2", "rosbags.typesys"), ("png", "npz", "labels"), write_rosbag)

@@ -25,12 +25,10 @@ class CopyStatic(Edit):
     target: Placement
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse a target whose rotation is none, and a box that is not there."""
         check_rotation(self.target, f"{place}.target")
         check_box(self.box, scenario, place)
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """Return the drive in which what stands in the box stands also at the target."""
         if self.id in context.recorded.actors or self.id in drive.actors:
             fail(f"{place}.id", f'"{self.id}" is an actor already')
         copy = StaticCopy(self.id, box_of(self.box, context.scenario), pose_of(self.target))

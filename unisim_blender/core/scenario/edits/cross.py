@@ -37,11 +37,9 @@ class Cross(Maneuver):
     from_m: Positive | None = None
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse two gaps or none."""
         require((self.gap_s is None) != (self.gap_m is None), place, "needs gap_s or gap_m, one of them")
 
     def window(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> tuple[float, float]:
-        """Return when the actor is present: always."""
         return context.presence(None, place)
 
     def motion(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> Trajectory:

@@ -56,12 +56,10 @@ class CutInManeuver(Maneuver):
     speed_m_s: Positive | None = None
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse two gaps or none, and a lane without a side."""
         require((self.gap_s is None) != (self.gap_m is None), place, "needs gap_s or gap_m, one of them")
         require(self.lane_m is None or self.side is not None, f"{place}.lane_m", "needs a side")
 
     def window(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> tuple[float, float]:
-        """Return when the actor is present: with a side, always."""
         return super().window(actor, drive, place, context) if self.side is None else context.presence(None, place)
 
     def motion(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> Trajectory:

@@ -32,7 +32,6 @@ class Duplicate(ActorPathEdit):
     time_offset_s: float | None = None
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse a displacement beside a path, and a path that contradicts itself."""
         names = "offset_m", "time_offset_s", "turn_deg", "world_offset_m"
         displaced = [name for name in names if getattr(self, name) is not None]
         require(not (displaced and self.has_path), place, f"has {', '.join(displaced)} beside a path of its own")

@@ -39,7 +39,6 @@ class Ego(Edit):
     outside: Beyond | None = None
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse what says nothing or two things, and keys that are not in order."""
         given = [name for name in ("shift_left_m", "shift", "trajectory") if getattr(self, name) is not None]
         require(len(given) == 1, place, "needs shift_left_m, shift or trajectory, one of them")
         require(self.outside is None or self.trajectory is not None, f"{place}.outside", "needs a trajectory")

@@ -32,7 +32,6 @@ class EgoBody(Edit):
     label: str | None = None
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse a mount whose rotation is none."""
         check_rotation(self.mount, f"{place}.mount")
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:

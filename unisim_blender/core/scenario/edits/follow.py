@@ -26,11 +26,9 @@ class Follow(Maneuver):
     gap_m: NotNegative
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse an actor that follows itself."""
         require(self.leader != self.actor, f"{place}.leader", f'"{self.actor}" cannot follow itself')
 
     def window(self, actor: Actor, drive: Drive, place: str, context: EditContext) -> tuple[float, float]:
-        """Return when the actor is present: with its leader."""
         leader = drive.actors[self.leader]
         return leader.start_s, leader.end_s
 

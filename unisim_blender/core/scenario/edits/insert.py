@@ -24,7 +24,6 @@ class Insert(ActorPathEdit):
     scene: FilePath | None = None
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """Return the drive with another actor, of this or of another trained scene."""
         source = context.appearance_of(self.actor, self.scene, place, "actor")
         check_new(drive, self.id, place, context)
         trajectory = self.path(place, context)

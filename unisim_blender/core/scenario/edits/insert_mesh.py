@@ -29,7 +29,6 @@ class InsertMesh(ActorPathEdit):
     label: str | None = None
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
-        """Return the drive with a mesh in it; its box is the mesh's extent."""
         path, size_m = mesh_of(self.mesh, place, context)
         check_new(drive, self.id, place, context)
         trajectory = self.path(place, context)

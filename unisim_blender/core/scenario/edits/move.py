@@ -32,7 +32,6 @@ class Move(ActorPathEdit):
     ahead_m: float | None = None
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse a path that is missing or contradicts itself, and a displacement beside one."""
         shifted = [name for name in ("ahead_m", "offset_m", "later_s") if getattr(self, name) is not None]
         require(not (shifted and self.has_path), place, f"has {', '.join(shifted)} beside a path of its own")
         self.check_path(place, needed=not shifted)

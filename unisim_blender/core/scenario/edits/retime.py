@@ -32,7 +32,6 @@ class Retime(Edit):
     outside: Annotated[str, SchemaOf({"enum": ["absent", "hold", "continue"]})] | None = None
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse what says nothing or two things, and time that runs backwards."""
         if self.map is None:
             require(self.offset_s is not None or self.speed is not None, place, "needs offset_s, speed or map")
             require(self.pivot_s is None or self.speed is not None, f"{place}.pivot_s", "needs a speed")

@@ -48,7 +48,6 @@ class Row(Edit):
     variation_m: NotNegative | None = None
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse two paths, and a number beside a spacing or neither."""
         require(self.along is None or self.path is None, place, "has along beside path, which exclude each other")
         require((self.count is None) != (self.spacing_m is None), place, "needs count or spacing_m, and not both")
 

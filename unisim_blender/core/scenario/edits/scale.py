@@ -37,7 +37,6 @@ class Scale(Edit):
     factors: Vector3
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse factors beyond the bounds."""
         require(scales(self.factors), f"{place}.factors", f"{list(self.factors)} {UNSCALABLE}")
 
     def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:

@@ -73,7 +73,6 @@ class ActorPathEdit(Edit):
         return self.pose is not None or self.trajectory is not None
 
     def check(self, scenario: Scenario, place: str) -> None:
-        """Refuse a path that is missing or contradicts itself."""
         self.check_path(place, needed=True)
 
     def check_path(self, place: str, needed: bool) -> None:

@@ -202,7 +202,6 @@ class Resting:
 
     @staticmethod
     def on(trajectory: Trajectory) -> Resting:
-        """Return that of a trajectory."""
         poses = np.concatenate([trajectory.positions, trajectory.quaternions_wxyz], 1)
         reached = np.concatenate([[True], (poses[1:] != poses[:-1]).any(1)])
         first = np.maximum.accumulate(np.where(reached, np.arange(len(poses)), 0))

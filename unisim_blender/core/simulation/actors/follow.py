@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
+from ...scenario.json_schema import Schema, SchemaOf
 from ...world.actor_path import STOP_TOLERANCE_M, ActorPath
 from ...world.captures import US_PER_SECOND
 from ..states import ActorState
@@ -18,16 +20,18 @@ DIVISOR_FLOOR_M_S = 0.01
 """Desired speeds below this count as this, so that nothing is divided by zero."""
 LEAST_GAP_M = 0.01
 
+ACCELERATION: Schema = {"type": "number", "exclusiveMinimum": 0, "maximum": 50}
+
 
 @dataclass(frozen=True)
 class IdmParameters:
     """Parameters of the model; the defaults are nuPlan's. ``braking_m_s2`` is the comfortable deceleration."""
 
-    headway_s: float = 1.5
-    gap_m: float = 1.0
-    acceleration_m_s2: float = 1.0
-    braking_m_s2: float = 2.0
-    exponent: float = 4.0
+    headway_s: Annotated[float, SchemaOf({"type": "number", "minimum": 0, "maximum": 20})] = 1.5
+    gap_m: Annotated[float, SchemaOf({"type": "number", "exclusiveMinimum": 0, "maximum": 100})] = 1.0
+    acceleration_m_s2: Annotated[float, SchemaOf(ACCELERATION)] = 1.0
+    braking_m_s2: Annotated[float, SchemaOf(ACCELERATION)] = 2.0
+    exponent: Annotated[float, SchemaOf({"type": "number", "minimum": 1, "maximum": 20})] = 4.0
 
     def free_acceleration(self, speed_m_s: float, desired_m_s: float) -> float:
         """Return the acceleration (m/s²) on a free road."""

@@ -335,7 +335,6 @@ class _Plane:
 
     @staticmethod
     def of(trajectory: Trajectory) -> _Plane:
-        """Return those of a trajectory."""
         places: FloatArray = trajectory.positions[:, :2]
         return _Plane(trajectory.times_s.tolist(), places.tolist())
 

@@ -131,11 +131,9 @@ class Driver(Protocol):
         """Return what the vehicle is to do from ``observation.time_us`` on: a `Control`, which is held until the next answer
         takes effect, or a `Plan`, which is tracked. Left is positive: of steering angles, and of headings, which count
         counter-clockwise from the world's x."""
-        ...
 
     def close(self) -> None:
         """Give back what the driver holds; it is not asked again."""
-        ...
 
 
 @dataclass(frozen=True)

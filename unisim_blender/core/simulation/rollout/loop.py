@@ -47,7 +47,6 @@ class _Known:
                 self.values.extend((key.time_s, *key.position_m, *key.quaternion_wxyz))
 
     def keys(self) -> tuple[PoseKey, ...]:
-        """Return them all."""
         rows = (self.values[at : at + KEY_NUMBERS] for at in range(0, len(self.values), KEY_NUMBERS))
         return tuple(PoseKey(time_s, (x, y, z), (a, b, c, d)) for time_s, x, y, z, a, b, c, d in rows)
 
@@ -68,9 +67,7 @@ class _History:
 
 @single_threaded_torch()
 def roll_out(
-    simulation: Simulation,
-    on_step: Callable[[World], object] = lambda world: None,
-    sensors: SensorSource | None = None,
+    simulation: Simulation, on_step: Callable[[World], object] = lambda world: None, sensors: SensorSource | None = None
 ) -> Rollout:
     """Drive from the start to the end of a simulation; what the folder holds of it already is not rendered again.
 

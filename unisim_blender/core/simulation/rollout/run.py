@@ -91,20 +91,14 @@ def complete(
     simulation: Simulation,
     options: RenderOptions,
     on_step: Callable[[World], object] = lambda world: None,
-    film: bool = False,
     write: Write = lambda folder: None,
 ) -> FinishedRollout:
-    """Run a simulation and write all that its folder holds, a ``film`` only where it is asked for; last, what ``write`` makes of
-    the folder. Raises `UnisimError`."""
+    """Run a simulation and write all that its folder holds; last, what ``write`` makes of the folder. Raises `UnisimError`."""
     simulation.road()  # what is wrong with its sweeps is told before the drive
     rollout = roll_out(simulation, on_step)
     report = finish(simulation, rollout, options)
     scores = scores_of(simulation, rollout)
     write_file(simulation.out / SCORES_NAME, json_bytes(scores))
-    if film:
-        from .film import write_film  # which needs the encoder
-
-        write_film(simulation, rollout)
     write(simulation.out)
     return FinishedRollout(simulation.spec.seed or 0, scores, report.captures_kept + report.captures, report.captures)
 
@@ -124,7 +118,6 @@ class Seeds:
     driver: str
     out: Path
     resume: bool = False
-    film: bool = False
     endpoint: Endpoint | None = None
     formats: Callable[[OpenedScenario], Write] = _none
 
@@ -136,7 +129,7 @@ class Seeds:
 
         def run(seed: int) -> FinishedRollout:
             with hold_folder(self.out / f"seed-{seed}"), single_threaded():
-                return complete(self._simulation(opened, seed), self.options, film=self.film, write=write)
+                return complete(self._simulation(opened, seed), self.options, write=write)
 
         return run
 

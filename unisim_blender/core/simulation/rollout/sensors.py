@@ -47,11 +47,9 @@ class SensorSource(Protocol):
 
     def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
         """Return what exposures see of a world's drive, in their order."""
-        ...
 
     def read(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
         """Return the same of exposures that an earlier run has rendered. Raises `OutputError` where it is not there."""
-        ...
 
 
 @dataclass

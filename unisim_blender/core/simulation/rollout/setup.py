@@ -88,7 +88,7 @@ class Simulation:
         axle_from_world = invert_pose(drive.world_from_ego.at(mid_s) @ context.vehicle.ego_from_axle)
         for name, camera in drive.cameras.items():
             model = camera.model if self.plan.settings.width is None else camera.resized(self.plan.settings.width).model
-            sensors[name] = SensorSetup(model, axle_from_world @ camera.world_from_camera.at(mid_s))
+            sensors[name] = SensorSetup(model, axle_from_world @ camera.trajectory.at(mid_s))
         for name, lidar in drive.lidars.items():
             sensors[name] = SensorSetup(lidar.model, axle_from_world @ lidar.world_from_lidar.at(mid_s))
         recording = context.recording if self.kind.privileged else None

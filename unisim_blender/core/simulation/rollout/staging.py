@@ -24,7 +24,7 @@ from ...scenario.time_range import Outside
 from ...scenario.times import ego_outside, recording_us
 from ...scenario.types import Outputs, Scenario
 from ...world.captures import US_PER_SECOND, microseconds
-from ...world.drive import Camera, Drive, Lidar
+from ...world.drive import Drive
 from ..actors.model import ActorModel, model_from_dict
 from ..actors.models.auto import Auto
 from ..actors.models.replay import Replay
@@ -55,8 +55,7 @@ def context_of(
     member below ``place``, "FILE: simulation"."""
     vehicle = Vehicle.from_dict(spec.vehicle or {}, f"{place}.vehicle")
     models = _models(drive, spec, place)
-    sensors: dict[str, Camera | Lidar] = {**drive.cameras, **drive.lidars}
-    rates = {name: recorded_rate(sensor) for name, sensor in sensors.items()}
+    rates = {name: recorded_rate(sensor) for name, sensor in drive.sensors.items()}
     for name, own in (spec.rates or {}).items():
         if name not in rates:
             raise ScenarioError(f"{place}.rates.{name}: is not one of {', '.join(rates)}")

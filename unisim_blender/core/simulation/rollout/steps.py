@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import OutputError, UnisimError, refused
+from ...errors import OutputError, UnisimError, in_a_line, refused
 from ..actors.model import ActorMotion
 from ..states import EgoState
 from ..vehicle.actions import Control, Plan
@@ -117,8 +117,9 @@ def append_step(out: Path, step: RolloutStep) -> None:
             file.write(json.dumps(step.to_json()) + "\n")
 
 
-def read_steps(out: Path) -> list[RolloutStep]:
-    """Return the steps of a rollout's folder; a last line that was cut off is taken away from the file. Raises `OutputError`."""
+def read_steps(out: Path, mends: bool = True) -> list[RolloutStep]:
+    """Return the steps of a rollout's folder without a last line that was cut off, which is taken away from the file where this
+    ``mends`` it. Raises `OutputError`."""
     path = out / STEPS_NAME
     try:
         content = path.read_bytes()
@@ -127,7 +128,7 @@ def read_steps(out: Path) -> list[RolloutStep]:
     except OSError as error:
         raise OutputError(f"{path}: cannot be read: {error.strerror}") from error
     whole = content[: content.rfind(b"\n") + 1]
-    if len(whole) < len(content):
+    if mends and len(whole) < len(content):
         path.write_bytes(whole)
     return [_step(path, number, line) for number, line in enumerate(whole.splitlines(), 1)]
 
@@ -149,4 +150,4 @@ def _step(path: Path, number: int, line: bytes) -> RolloutStep:
     try:
         return RolloutStep.from_json(json.loads(line))
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, UnisimError) as error:
-        raise OutputError(f"{path}: line {number} is no step of a rollout: {error}") from error
+        raise OutputError(f"{path}: line {number} is no step of a rollout: {in_a_line(error)}") from error

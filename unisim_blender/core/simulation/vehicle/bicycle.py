@@ -108,7 +108,6 @@ class _Lagged:
         return self.asked * t + (self.now - self.asked) * lagging
 
     def twice_integrated(self, t: float) -> float:
-        """The integral of that."""
         lagging = self.lag_s * (t + self.lag_s * math.expm1(-t / self.lag_s)) if self.lag_s else 0.0
         return self.asked * t * t / 2 + (self.now - self.asked) * lagging
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
-from typing import Any
+from typing import Annotated, Any, get_origin, get_type_hints
 
 import numpy as np
 
@@ -20,20 +20,6 @@ from ...world.drive import EGO
 from ..states import EgoState, Footprint
 from .actions import check_number
 
-LIMITS = {
-    "wheelbase_m": (0.5, 20.0),
-    "track_m": (0.2, 5.0),
-    "length_m": (0.5, 30.0),
-    "width_m": (0.2, 5.0),
-    "rear_overhang_m": (0.0, 20.0),
-    "max_steering_rad": (0.01, 1.4),
-    "acceleration_lag_s": (0.0, 10.0),
-    "steering_lag_s": (0.0, 10.0),
-    "max_acceleration_m_s2": (0.1, 50.0),
-    "max_deceleration_m_s2": (0.1, 50.0),
-    "max_lateral_acceleration_m_s2": (0.1, 1e4),
-}
-"""The least and the largest value of each parameter."""
 FARTHEST_M = 20.0
 """No rear axle is farther from the origin of its ego frame along an axis."""
 
@@ -48,17 +34,17 @@ class Vehicle:
     `SimulationError` for a parameter beyond `LIMITS`, and for axles or wheels beyond the bumpers or the sides.
     """
 
-    wheelbase_m: float = 2.85
-    track_m: float = 1.6
-    length_m: float = 4.9
-    width_m: float = 1.9
-    rear_overhang_m: float = 1.0
-    max_steering_rad: float = math.pi / 3
-    acceleration_lag_s: float = 0.2
-    steering_lag_s: float = 0.05
-    max_acceleration_m_s2: float = 5.0
-    max_deceleration_m_s2: float = 9.0
-    max_lateral_acceleration_m_s2: float = 7.8
+    wheelbase_m: Annotated[float, (0.5, 20.0)] = 2.85
+    track_m: Annotated[float, (0.2, 5.0)] = 1.6
+    length_m: Annotated[float, (0.5, 30.0)] = 4.9
+    width_m: Annotated[float, (0.2, 5.0)] = 1.9
+    rear_overhang_m: Annotated[float, (0.0, 20.0)] = 1.0
+    max_steering_rad: Annotated[float, (0.01, 1.4)] = math.pi / 3
+    acceleration_lag_s: Annotated[float, (0.0, 10.0)] = 0.2
+    steering_lag_s: Annotated[float, (0.0, 10.0)] = 0.05
+    max_acceleration_m_s2: Annotated[float, (0.1, 50.0)] = 5.0
+    max_deceleration_m_s2: Annotated[float, (0.1, 50.0)] = 9.0
+    max_lateral_acceleration_m_s2: Annotated[float, (0.1, 1e4)] = 7.8
     rear_axle_m: Vector3 = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
@@ -111,6 +97,14 @@ class Vehicle:
             return Vehicle(**values)
         except SimulationError as fault:
             raise SimulationError(f"{place}{str(fault).removeprefix('vehicle')}") from None
+
+
+LIMITS: dict[str, tuple[float, float]] = {
+    name: hint.__metadata__[0]
+    for name, hint in get_type_hints(Vehicle, include_extras=True).items()
+    if get_origin(hint) is Annotated
+}
+"""The least and the largest value of each parameter."""
 
 
 @dataclass(frozen=True)

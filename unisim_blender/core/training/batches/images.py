@@ -91,7 +91,6 @@ class PixelChoice:
         return {"error": torch.as_tensor(self._error) if self._on_device is None else self._on_device}
 
     def load_state(self, state: dict[str, Tensor]) -> None:
-        """The inverse of `state`."""
         self._error = state["error"].numpy().astype(np.float64).reshape(self._error.shape)
         if self._on_device is not None:
             self._on_device.copy_(torch.as_tensor(self._error))
@@ -152,27 +151,22 @@ class ImageStore(Protocol):
 
     def advance(self, step: int) -> None:
         """Let step ``step`` draw from what it may."""
-        ...
 
     @property
     def drawable(self) -> NDArray[np.int64] | None:
         """The views (K,) that may be drawn from, increasing; None for all."""
-        ...
 
     @property
     def first(self) -> Sequence[int]:
         """The views that the first step may draw from."""
-        ...
 
     def image(self, view: int) -> NDArray[np.uint8]:
         """An image (H, W, 3) that may be drawn from."""
-        ...
 
     def pixels(
         self, camera: int, view: NDArray[np.int64], y: NDArray[np.int64], x: NDArray[np.int64]
     ) -> NDArray[np.uint8]:
         """Pixels (..., 3) of one camera's views, rows and columns, which are broadcast."""
-        ...
 
 
 def bytes_of(views: Sequence[ImageView]) -> list[int]:

@@ -70,7 +70,6 @@ class VggLoss(nn.Module):
         return out
 
     def forward(self, a: Tensor, b: Tensor) -> Tensor:
-        """The loss."""
         pairs = zip(self.features(a), self.features(b), strict=True)
         return torch.stack([(x - y).abs().mean() for x, y in pairs]).sum()
 
@@ -243,7 +242,6 @@ class PatchDiscriminator(nn.Module):
         self.layers = nn.Sequential(*layers)
 
     def forward(self, image: Tensor) -> Tensor:
-        """The scores."""
         out: Tensor = self.layers(image * 2 - 1)
         return out
 

@@ -84,12 +84,7 @@ class Decoder:
         """
         h, w = directions.shape[:2]
         features, directions = _contiguous(features, (h, w, self._config.features)), _contiguous(directions, (h, w, 3))
-        code = self._codes.mean(0) if camera < 0 else self._codes[camera]
-        # a code that all pixels share is a bias
-        first, behind = self._ray[0].weight, self._config.features + SH_WIDTH
-        head = _Head(
-            self._config.features, 0, [_Layer(first[:, :behind], first[:, behind:, 0, 0] @ code), *self._ray[1:]]
-        )
+        head = self._head(camera)
         layers = _structs(self._convolutions)
         up = self._config.upsample
         out = np.empty((h * up, w * up, 3), np.float32)
@@ -98,6 +93,19 @@ class Decoder:
             out.ctypes.data, self._half, self._threads,
         )  # fmt: skip
         return out
+
+    def _head(self, camera: int) -> _Head:
+        code = self._codes.mean(0) if camera < 0 else self._codes[camera]
+        # a code that all pixels share is a bias
+        first, behind = self._ray[0].weight, self._config.features + SH_WIDTH
+        bias = first[:, behind:, 0, 0] @ code
+        return _Head(self._config.features, 0, [_Layer(first[:, :behind], bias), *self._ray[1:]])
+
+    def network(self, camera: int) -> tuple[native.HeadStruct, ctypes.Array[native.LayerStruct], list[Any]]:
+        """Return the structures of `image` for a camera: its head, and the convolutions; and what they point to."""
+        head, layers = self._head(camera), [*self._convolutions]
+        arrays = [array for layer in (*head.layers, *layers) for array in (layer.weight, layer.bias)]
+        return head.struct, _structs(layers), [head, *(array for array in arrays if array is not None)]
 
     def returns(
         self, feature: NDArray[Any], directions: NDArray[Any], depth_m: NDArray[Any], opacity: NDArray[Any]
@@ -111,6 +119,12 @@ class Decoder:
         )
         out = self._run(self._lidar, feature, directions, extra)
         return sigmoid(out[:, 0]), out[:, 1]
+
+    @property
+    def lidar_network(self) -> tuple[native.HeadStruct, list[Array]]:
+        """The structure of the head of `returns`, and the arrays that its layers point to."""
+        arrays = [array for layer in self._lidar.layers for array in (layer.weight, layer.bias)]
+        return self._lidar.struct, [array for array in arrays if array is not None]
 
     @property
     def sample_head(self) -> int | None:

@@ -1,24 +1,32 @@
-"""Rays traced on an NVIDIA GPU, one thread a ray, by CUDA's driver alone: the compiled tracer with its scenes, rays and
-results in the GPU's memory. Sensors are decoded by the CPU's kernels.
+"""Images and rays on an NVIDIA GPU, one thread a ray, by CUDA's driver alone: the compiled tracer with its scenes, rays
+and results in the GPU's memory.
 
-`native/cuda/trace_ray.h` is what a thread does. CPU and GPU place the same samples; sums differ by rounding.
+`native/cuda/trace_ray.h` is what a thread does for a ray, `native/cuda/image.h` what it does for a pixel. An image whose
+pixels depend on their own rays alone is finished on the GPU, and so are beams; other images are decoded by the CPU's
+kernels. CPU and GPU place the same samples; sums differ by rounding.
 """
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ....cuda_driver import Gpu, GpuMemory, GpuMemoryError
+from ....cuda_driver import BLOCK, Gpu, GpuMemory, GpuMemoryError
 from ....meshes.hits import MeshHits
-from ....native import HeadStruct, LayerStruct, MlpStruct
+from ....native import BlockToleranceStruct, HeadStruct, LayerStruct, MlpStruct, PlaneStruct
+from ....sensors.camera import camera_rays, line_times, pixel_directions, pixel_grid
 from ....sensors.frames import RenderStats
-from ....sensors.rays import Rays
+from ....sensors.rays import MAX_DISTANCE_M, Rays
+from ....sensors.unprojection import least_pixels_per_rad
+from ....world.drive import Camera, CameraModel, RollingShutter
 from ....world.replay import WorldState
+from ...lattice import MAP_KINDS, block_tolerance
 from ...quality import QUALITIES, Quality
 from ...tracer import Array, Maps, TraceResult
 from .scene import CompiledScene
@@ -34,10 +42,18 @@ from .structs import (
 )
 from .tracer import CompiledBackend, CompiledTracer, MeshHitArrays
 
-BLOCK = 128
-"""Threads of a block."""
 THREADS = 1 << 16
-"""Threads of a launch at most: each has room of its own for a ray's samples and segments."""
+"""Threads at most that trace rays: each has room of its own for a ray's samples and segments."""
+PIXEL_THREADS = 1 << 18
+"""Threads at most of a launch that traces no rays."""
+MAX_WIDTH = 128
+"""Largest width of a decoder's layer in native/cuda/field.h."""
+LAUNCHES = 64
+"""Number of times that an image's pixels can be traced."""
+GRID_PX = 32
+"""Distance of the pixels by whose rays actors are culled."""
+MAX_LENS_TABLES = 8
+"""Largest number of cameras whose lenses' directions stay on the GPU."""
 SAMPLES, SEGMENTS = 192, 24
 """Room of a thread; rays that find too little are traced again with twice as much."""
 SEGMENT_BYTES = 104
@@ -66,6 +82,28 @@ class LaunchMemoryStruct(ctypes.Structure):
         ("threads", ctypes.c_int32),
         ("capacity", ctypes.c_int32),
         ("segment_capacity", ctypes.c_int32),
+    ]
+
+
+class ImageInputsStruct(ctypes.Structure):
+    """`ImageInputs` in native/cuda/image.h."""
+
+    _fields_ = [
+        *((name, ctypes.c_int32) for name in ("height", "width", "top", "left", "up")),
+        *((name, ctypes.c_int32) for name in ("lens_width", "reads_columns")),
+        *((name, ctypes.c_double) for name in ("fx", "fy", "cx", "cy")),
+        *((name, ctypes.c_void_p) for name in ("lens", "poses", "line_times")),
+        ("axis", ctypes.c_double * 3),
+        *((name, ctypes.c_void_p) for name in ("origins", "directions", "times")),
+        ("head", HeadStruct),
+        ("convolutions", ctypes.c_void_p),
+        ("convolution_count", ctypes.c_int32),
+        ("size", ctypes.c_int32),
+        ("planes", ctypes.c_void_p),
+        ("plane_count", ctypes.c_int32),
+        ("tolerance", BlockToleranceStruct),
+        *((name, ctypes.c_void_p) for name in ("observed", "rgb", "along", "unsupported", "wanted", "known")),
+        *((name, ctypes.c_void_p) for name in ("blocks", "order", "counts")),
     ]
 
 
@@ -101,6 +139,10 @@ class GpuScene:
     def __init__(self, scene: CompiledScene, gpu: Gpu) -> None:
         self.scene, self.gpu, self.memory = scene, gpu, GpuMemory(gpu)
         self._structs: dict[bool, tuple[SceneStruct, int]] = {}
+        self._networks: dict[int, tuple[HeadStruct, int, int]] = {}
+        self._lenses: dict[CameraModel, tuple[GpuMemory, int]] = {}
+        self.room = 1
+        """How many times the usual room a thread needs for a ray."""
 
     def struct(self, clipped: bool = False) -> tuple[SceneStruct, int]:
         """Return the scene's structure with the GPU's pointers, and the address of a copy of it there."""
@@ -121,10 +163,61 @@ class GpuScene:
             self._structs[clipped] = copy, self.memory.upload(copy)
         return self._structs[clipped]
 
+    def network(self, camera_id: str) -> tuple[HeadStruct, int, int]:
+        """Return a camera's head with the GPU's pointers, the address of the convolutions there, and their number."""
+        code = self.scene.camera_code(camera_id)
+        if code not in self._networks:
+            head, layers, referenced = self.scene.decoder.network(code)
+            uploaded = Uploaded(self.memory, [array for array in referenced if isinstance(array, np.ndarray)])
+            self._networks[code] = self._moved_head(head, uploaded), self._layers(layers, uploaded), len(layers)
+        return self._networks[code]
+
+    @cached_property
+    def lidar_head(self) -> HeadStruct | None:
+        """The head of a LiDAR's beams with the GPU's pointers; None where a thread has no room for its layers."""
+        head, arrays = self.scene.decoder.lidar_network
+        if _widest((LayerStruct * head.count).from_address(head.layers)) > MAX_WIDTH:
+            return None
+        return self._moved_head(head, Uploaded(self.memory, arrays))
+
+    @cached_property
+    def decodes(self) -> bool:
+        """Whether the GPU decodes its images: cells by their own features, by layers that a thread has room for."""
+        scene = self.scene
+        head, layers, _referenced = scene.decoder.network(-1)
+        widest = _widest([*(LayerStruct * head.count).from_address(head.layers), *layers])
+        return scene.decoder.reach == 0 and widest <= MAX_WIDTH
+
+    @cached_property
+    def observed(self) -> int:
+        """The address of the voxels that the recording shows."""
+        return self.memory.upload(np.ascontiguousarray(self.scene.observed))
+
+    def lens(self, model: CameraModel) -> int | None:
+        """Return the address of the directions of a camera's pixels; None for a pinhole, whose are computed."""
+        if model.is_pinhole:
+            return None
+        key = replace(model, shutter=RollingShutter())
+        if key not in self._lenses:
+            memory = GpuMemory(self.gpu)
+            self._lenses[key] = (
+                memory,
+                memory.upload(doubles(pixel_directions(model, *pixel_grid(model, self.scene.config.upsample)))),
+            )
+            if len(self._lenses) > MAX_LENS_TABLES:
+                del self._lenses[next(iter(self._lenses))]
+        return self._lenses[key][1]
+
     def _moved_head(self, head: HeadStruct, uploaded: Uploaded) -> HeadStruct:
         of = (LayerStruct * head.count).from_address(head.layers)
-        layers = (LayerStruct * head.count)(*(uploaded.moved(layer) for layer in of))
-        return HeadStruct(head.features, head.extra_inputs, head.count, self.memory.upload(layers))
+        return HeadStruct(head.features, head.extra_inputs, head.count, self._layers(of, uploaded))
+
+    def _layers(self, layers: ctypes.Array[LayerStruct], uploaded: Uploaded) -> int:
+        return self.memory.upload((LayerStruct * len(layers))(*map(uploaded.moved, layers)))
+
+
+def _widest(layers: Iterable[LayerStruct]) -> int:
+    return max(max(layer.inputs, layer.outputs) for layer in layers)
 
 
 class GpuBackend(CompiledBackend):
@@ -167,8 +260,12 @@ class GpuTracer(CompiledTracer):
         if not n:
             return
         self._gpu.enter()
+        head = None if sky or self._foreign else self._scenes[0].lidar_head
+        if head is not None and traced.returned is None:
+            traced.feature = traced.feature[:0]
+            traced.returned = np.empty_like(traced.depth_m), np.empty_like(traced.depth_m)
         outputs: dict[str, list[Array]] = {
-            "feature": [traced.feature],
+            "feature": [traced.feature] if head is None else [],
             "depth": [traced.depth_m],
             "opacity": [traced.opacity],
             **{name: [maps[key]] for name, key in RESULTS.items() if key in maps},
@@ -179,9 +276,11 @@ class GpuTracer(CompiledTracer):
             outputs["feature_without_foreign"] = [traced.without_foreign]
         if traced.mesh_opacity is not None:
             outputs["mesh_opacity"] = [traced.mesh_opacity]
-        with GpuMemory(self._gpu) as memory:
+        with GpuMemory(self._gpu, reuse=True) as memory:
             active, skipped = self._active(memory, some)
             at = {name: [memory.allocate(n * array[:1].nbytes) for array in arrays] for name, arrays in outputs.items()}
+            if head is not None:
+                at["feature"] = [memory.allocate(4 * n * head.features)]
             samples = memory.allocate(8, clear=True)
             lists = {
                 name: memory.upload((ctypes.c_void_p * len(at[name]))(*at[name])) if at[name] else None
@@ -202,8 +301,14 @@ class GpuTracer(CompiledTracer):
                 TraceResultStruct(samples=samples, **single, **lists),
             )
             launch(memory, inputs, n)
+            if head is not None and traced.returned is not None:
+                pairs, decoded = np.empty((n, 2), np.float32), memory.allocate(8 * n)
+                self._gpu.launch("unisim_decode_beams", n, (inputs, head, ctypes.c_int32(n), ctypes.c_void_p(decoded)))
+                memory.download(decoded, pairs)
+                for array, part in zip(traced.returned, pairs.T, strict=True):
+                    array[order] = part
             for name, arrays in outputs.items():
-                for place, array in zip(at[name], arrays, strict=True):
+                for place, array in zip(at[name] if arrays else (), arrays, strict=True):
                     part = np.empty((n, *array.shape[1:]), array.dtype)
                     memory.download(place, part)
                     array[order] = part
@@ -214,10 +319,41 @@ class GpuTracer(CompiledTracer):
         stats.samples_spent += int(spent[0])
         stats.samples_saved += max(0, self._uniform(some) - int(spent[0]))
 
-    def _active(self, memory: GpuMemory, rays: Rays) -> tuple[ActiveActorsStruct, int]:
+    def lattice_image(
+        self,
+        camera: Camera,
+        time_s: float,
+        cells: tuple[slice, slice],
+        size: int,
+        passes: set[str],
+        stats: RenderStats,
+    ) -> Maps | None:
+        """Return colours, passes, and what depths are multiplied by along the optical axis, "along", of an image's rows
+        and columns ``cells``, (h w, ...), traced from a lattice of ``size``; None where the GPU cannot finish the image. Where a
+        cell is several pixels, its colours are theirs: (h w, up up 3), as they lie in the image of (h up, w up).
+        """
+        scene, (rows, columns) = self._scenes[0], cells
+        if self.space is not None or self._foreign or not scene.decodes:
+            return None
+        self._gpu.enter()
+        try:
+            while True:
+                with GpuMemory(self._gpu, reuse=True) as memory:
+                    image = LatticeImage(memory, self, camera, time_s, (rows, columns), size, passes)
+                    if not image.sound:
+                        return None
+                    image.render()
+                    maps = image.result(stats)
+                if maps is not None:
+                    return maps
+                scene.room *= 2
+        except GpuMemoryError:
+            return None
+
+    def _active(self, memory: GpuMemory, rays: Rays, slack_rad: float = 0.0) -> tuple[ActiveActorsStruct, int]:
         """Return the active actors that these rays can hit, on the GPU, and the number of the others."""
         actors = self._compiled_actors
-        struct, _referenced, skipped = actors.struct(rays)
+        struct, _referenced, skipped = actors.struct(rays, slack_rad)
         numbers = [array for array in _referenced if isinstance(array, np.ndarray)]
         uploaded = Uploaded(memory, [*actors.arrays, *numbers])
         sets = (ActorSetStruct * struct.actor_set_count)()
@@ -259,8 +395,161 @@ class GpuTracer(CompiledTracer):
         return Uploaded(memory, arrays.arrays).moved(arrays.struct) if len(chosen) else MeshHitsStruct()
 
 
+PASSES: dict[str, tuple[str, int, type[Any]]] = {
+    "depth": ("median", 1, np.float32), "instance": ("instance", 1, np.int32), "normal": ("normal", 3, np.float32),
+    "opacity": ("opacity", 1, np.float32), "unsupported": ("", 1, np.bool_),
+}  # fmt: skip
+"""Passes of an image: names in `TraceResultStruct`, numbers a pixel, and their type."""
+
+
+class LatticeImage:
+    """One image in a GPU's memory, traced from a lattice: everything is launched at once, and only the finished passes are
+    copied."""
+
+    def __init__(
+        self,
+        memory: GpuMemory,
+        tracer: GpuTracer,
+        camera: Camera,
+        time_s: float,
+        cells: tuple[slice, slice],
+        size: int,
+        passes: set[str],
+    ) -> None:
+        self._memory, self._gpu, self._tracer, self._passes = memory, memory.gpu, tracer, passes
+        (rows, columns), model, scene = cells, camera.model, tracer._scenes[0]
+        self._up = up = tracer.upsample
+        self._shape = shape = rows.stop - rows.start, columns.stop - columns.start
+        self._pixels = n = shape[0] * shape[1]
+        by_columns = model.shutter.axis == "columns"
+        lines = columns if by_columns else rows
+        moments = np.broadcast_to(
+            line_times(camera, time_s, (np.arange(lines.start, lines.stop) + 0.5) * up), lines.stop - lines.start
+        )
+        poses = camera.world_from_camera.at(moments)[:, :3]
+        self.sound = bool(np.isfinite(poses).all() and np.abs(poses[:, :, 3]).max() < MAX_DISTANCE_M)
+        if not self.sound:
+            return
+        self._grid = grid = _sparse_rays(camera, time_s, rows, columns, up)
+        active, self._skipped = tracer._active(memory, grid, 2 * GRID_PX * up / least_pixels_per_rad(model))
+        origins, directions, times = (memory.allocate(8 * n * width) for width in (3, 3, 1))
+        order = memory.allocate(8 * n)
+        self._at = {"rgb": memory.allocate(12 * n * up**2)}
+        names = passes | ({"depth", "instance"} if "unsupported" in passes else set()) | {"opacity"}
+        for name in sorted(names):
+            _, width, kind = PASSES[name]
+            self._at[name] = memory.allocate(n * width * np.dtype(kind).itemsize)
+        if "depth" in passes:
+            self._at["along"] = memory.allocate(4 * n)
+        self._counts = memory.allocate(8 * LAUNCHES, clear=True)
+        self._samples = memory.allocate(8, clear=True)
+        head, convolutions, count = scene.network(camera.sensor_id)
+        planes = [PlaneStruct(self._at["rgb"], 3, 4, MAP_KINDS["rgb"])]
+        for name in sorted(passes):
+            _, width, kind = PASSES[name]
+            planes.append(PlaneStruct(self._at[name], width, np.dtype(kind).itemsize, MAP_KINDS.get(name, 3)))
+        self._image = ImageInputsStruct(
+            *shape, rows.start, columns.start, up, -(-model.width // up), by_columns, model.fx, model.fy, model.cx, model.cy,
+            scene.lens(model), memory.upload(doubles(poses)), memory.upload(doubles(moments)),
+            (ctypes.c_double * 3)(*camera.world_from_camera.at(time_s)[:3, 2]), origins, directions, times,
+            head, convolutions, count, size, memory.upload((PlaneStruct * len(planes))(*planes)), len(planes),
+            block_tolerance(tracer.quality.spread), scene.observed if "unsupported" in passes else None,
+            self._at["rgb"], self._at.get("along"), self._at.get("unsupported"),
+            memory.allocate(n), memory.allocate(n), memory.allocate(n // 3 + 1, clear=True), order,
+            self._counts,
+        )  # fmt: skip
+        results = {PASSES[name][0]: at for name, at in self._at.items() if name in PASSES and PASSES[name][0]}
+        self._inputs = TraceInputsStruct(
+            scene.struct()[0],
+            active,
+            RaysStruct(n, origins, directions, times, order),
+            MeshHitsStruct(),
+            tracer._sampling(True),
+            TraceResultStruct(
+                feature=memory.allocate(4 * n * head.features),
+                depth=memory.allocate(4 * n),
+                samples=self._samples,
+                **results,
+            ),
+        )
+        self._refused = memory.allocate(8 * (n + 1), clear=True)
+        threads = min(THREADS, -(-n // BLOCK) * BLOCK)
+        self._room = launch_memory(memory, threads, SAMPLES * scene.room, SEGMENTS * scene.room)
+        self._traces = 0
+
+    def render(self) -> None:
+        """Launch all of it."""
+        image, size = self._image, self._image.size
+        self._launch("begin_image", self._pixels, image)
+        self._trace({size, 1})
+        blocks = self._pixels // size**2
+        while size > 1:
+            for by_middles in (0, 1):
+                self._launch("judge_blocks", blocks, image, ctypes.c_int32(size), ctypes.c_int32(by_middles))
+                self._trace({size // 2})
+            size, blocks = size // 2, 4 * blocks
+        self._launch("fill_pixels", self._pixels, image)
+
+    def _trace(self, strides: set[int]) -> None:
+        """Trace the pixels that are wanted, at multiples of the strides."""
+        assert self._traces < LAUNCHES
+        count = ctypes.c_void_p(self._counts + 8 * self._traces)
+        self._traces += 1
+        for stride in strides:
+            self._launch(
+                "collect_pixels", self._pixels // stride**2 // 64 + 1, self._image, ctypes.c_int32(stride), count
+            )
+        room, refused = self._room, ctypes.c_void_p(self._refused)
+        self._gpu.launch("unisim_trace_rays", room.threads, (self._inputs, room, count, refused))
+        self._launch("finish_pixels", self._pixels, self._inputs, self._image, count)
+
+    def _launch(self, name: str, threads: int, *arguments: Any) -> None:
+        self._gpu.launch(f"unisim_{name}", min(max(threads, 1), PIXEL_THREADS), arguments)
+
+    def result(self, stats: RenderStats) -> Maps | None:
+        """Return the finished passes; None where a thread's room did not suffice."""
+        maps: Maps = {}
+        for name in ("rgb", *sorted(self._passes), *(("along",) if "depth" in self._passes else ())):
+            _, width, kind = PASSES.get(name, ("", 3 * self._up**2 if name == "rgb" else 1, np.float32))
+            maps[name] = self._gpu.pinned((self._pixels, width) if width > 1 else (self._pixels,), kind)
+            self._gpu.copy(self._at[name], maps[name])
+        numbers = {at: np.zeros(count, np.int64) for at, count in (
+            (self._refused, 1), (self._counts, LAUNCHES), (self._samples, 1)
+        )}  # fmt: skip
+        for at, values in numbers.items():
+            self._memory.download(at, values)
+        self._gpu.wait()
+        refused, counts, samples = numbers.values()
+        if refused[0]:
+            return None
+        traced, spent = int(counts.sum()), int(samples[0])
+        stats.rays += traced
+        stats.actors_skipped += self._skipped
+        stats.samples_spent += spent
+        uniform = self._tracer._uniform(self._grid) * traced // len(self._grid.time_s)
+        stats.samples_saved += max(0, uniform - spent)
+        return maps
+
+
+def _sparse_rays(camera: Camera, time_s: float, rows: slice, columns: slice, up: int) -> Rays:
+    """Return the rays (N,) of cells of ``up`` x ``up`` pixels `GRID_PX` apart, those at the edges included."""
+    v, u = (np.append(np.arange(of.start, of.stop - 1, GRID_PX), of.stop - 1) * up + up / 2 for of in (rows, columns))
+    return camera_rays(camera, time_s, *np.meshgrid(u, v)).flat()
+
+
 RESULTS = {"median": "depth", "instance": "instance", "normal": "normal"}
 """Passes of a trace by their names in `TraceResultStruct`."""
+
+
+def launch_memory(memory: GpuMemory, threads: int, samples: int, segments: int) -> LaunchMemoryStruct:
+    """Return room for so many samples and segments of a ray in each thread. Raises `GpuMemoryError`."""
+    return LaunchMemoryStruct(
+        memory.allocate(4 * 6 * samples * threads),
+        memory.allocate(SEGMENT_BYTES * segments * threads),
+        threads,
+        samples,
+        segments,
+    )
 
 
 def launch(memory: GpuMemory, inputs: TraceInputsStruct, n: int) -> None:
@@ -268,25 +557,17 @@ def launch(memory: GpuMemory, inputs: TraceInputsStruct, n: int) -> None:
     not suffice, fewer at a time. Raises `GpuMemoryError`."""
     threads, samples, segments = min(THREADS, -(-n // BLOCK) * BLOCK), SAMPLES, SEGMENTS
     while n:
-        with GpuMemory(memory.gpu) as room:
+        with GpuMemory(memory.gpu, reuse=True) as room:
             try:
                 refused = room.allocate(8 * (n + 1), clear=True)
-                block = LaunchMemoryStruct(
-                    room.allocate(4 * 6 * samples * threads),
-                    room.allocate(SEGMENT_BYTES * segments * threads),
-                    threads,
-                    samples,
-                    segments,
-                )
+                block = launch_memory(room, threads, samples, segments)
             except GpuMemoryError:
                 if threads == BLOCK:
                     raise
                 threads = max(BLOCK, threads // 2 // BLOCK * BLOCK)
                 continue
-            begin, end = ctypes.c_int64(0), ctypes.c_int64(n)
-            memory.gpu.launch(
-                "unisim_trace_rays", threads, (inputs, block, begin, end, ctypes.c_void_p(refused)), BLOCK
-            )
+            all_of_them = ctypes.c_void_p()
+            memory.gpu.launch("unisim_trace_rays", threads, (inputs, block, all_of_them, ctypes.c_void_p(refused)))
             count = np.zeros(1, np.int64)
             room.download(refused, count)
             n = int(count[0])

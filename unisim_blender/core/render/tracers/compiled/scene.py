@@ -258,6 +258,10 @@ class CompiledScene:
         struct.voxels, struct.cells, struct.clearance = address(voxels), address(cells), address(clearance)
         return struct
 
+    def camera_code(self, camera_id: str) -> int:
+        """Return the number of a camera's code, -1 for a camera that was not trained."""
+        return self.cameras.index(camera_id) if camera_id in self.cameras else -1
+
     def into_volume(self, points: FloatArray) -> FloatArray:
         """Return world points (N, 3) in volume coordinates."""
         return transform_points(self._volume_from_world, points)

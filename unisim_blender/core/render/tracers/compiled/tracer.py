@@ -103,10 +103,10 @@ class CompiledActors:
         of_boxes = [array for each in boxes for array in each.arrays.values()]
         return [*of_boxes, self._sources, self._removals, self._removal_sizes]
 
-    def struct(self, rays: Rays) -> tuple[ActiveActorsStruct, list[Any], int]:
-        """Return the structure for these flat rays, the arrays that it points to beside this object's, and the number
-        of culled actors."""
-        candidates = [boxes.bounds.in_reach(rays) for boxes in self.actor_sets]
+    def struct(self, rays: Rays, slack_rad: float = 0.0) -> tuple[ActiveActorsStruct, list[Any], int]:
+        """Return the structure for these flat rays, and those within ``slack_rad`` of them, the arrays that it points to
+        beside this object's, and the number of culled actors."""
+        candidates = [boxes.bounds.in_reach(rays, slack_rad) for boxes in self.actor_sets]
         pairs = [boxes.struct(some) for boxes, some in zip(self.actor_sets, candidates, strict=True)]
         actor_sets = (ActorSetStruct * len(pairs))(*(pair[0] for pair in pairs))
         referenced: list[Any] = [actor_sets, *(pair[1] for pair in pairs)]
@@ -310,8 +310,7 @@ class CompiledTracer:
         cells = sound_directions(directions).reshape(*shape, 3)
 
         def decoded(scene: CompiledScene, feature: Array) -> Array:
-            code = scene.cameras.index(camera_id) if camera_id in scene.cameras else -1
-            return scene.decoder.image(feature.reshape(*shape, -1), cells, code)
+            return scene.decoder.image(feature.reshape(*shape, -1), cells, scene.camera_code(camera_id))
 
         rgb = decoded(self.scene, traced.feature if traced.without_foreign is None else traced.without_foreign)
         size = rgb.shape[0], rgb.shape[1]
@@ -325,7 +324,9 @@ class CompiledTracer:
 
     def returns(self, traced: TraceResult[Array], directions: FloatArray) -> tuple[Array, Array]:
         directions = sound_directions(directions)
-        intensity, logit = self.scene.decoder.returns(traced.feature, directions, traced.depth_m, traced.opacity)
+        intensity, logit = traced.returned or self.scene.decoder.returns(
+            traced.feature, directions, traced.depth_m, traced.opacity
+        )
         for i, foreign in enumerate(self._foreign):
             covered = traced.foreign_opacity[i].clip(0, 1)
             own = traced.foreign_features[i] / covered.clip(1e-3)[:, None]

@@ -17,15 +17,7 @@ from ...code_identity import code_digest
 from .build import Step, build_surfels
 from .model import FORMAT_VERSION, SurfelScene, SurfelSettings, load_surfels, save_surfels
 
-NOT_SURFELS = (
-    "cli",
-    "convert.py",
-    "evaluation",
-    "rigs",
-    "sequence",
-    "training",
-    "worker",
-)
+NOT_SURFELS = ("cli", "convert.py", "evaluation", "rigs", "sequence", "training", "worker")
 """Packages that take no part in building surfels of a log."""
 MAX_CACHED_LOGS = 32
 """Largest number of logs whose surfels stay in the cache folder."""

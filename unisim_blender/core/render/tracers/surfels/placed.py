@@ -42,7 +42,6 @@ class PlacedSurfels:
         self._bounds = Bounds([actor for actor, _ in self.placed])
 
     def owned(self, owner: int) -> SurfelSet:
-        """Return the set of an owner."""
         return self.static if owner == STATIC_OWNER else self.placed[owner][1]
 
     def first(self, rays: Rays, near_m: float) -> SurfelHits:

@@ -71,7 +71,6 @@ class Attack(Auto):
     most_speed_m_s: Speed = 25.0
 
     def answer(self, actor: Actor, motion: ActorMotion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
-        """Return the state after a step, which may be the first one of the attack."""
         memory, state = motion.memory, motion.state
         if isinstance(memory, RecordedMemory | FollowingMemory) and self._begins(actor, memory, state, traffic):
             curvature = 0.0

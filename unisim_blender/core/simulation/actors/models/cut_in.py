@@ -46,7 +46,6 @@ class CutIn(Auto):
     speed_difference_m_s: Annotated[float, SchemaOf({"type": "number", "minimum": -100, "maximum": 100})] = -2.0
 
     def answer(self, actor: Actor, motion: ActorMotion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
-        """Return the state after a step, which may be the first one into the ego's lane."""
         memory = motion.memory
         if motion.state.present and isinstance(memory, RecordedMemory | FollowingMemory) and self._may_change(memory):
             if self._is_near(motion.state, traffic.ego) and self._is_time(

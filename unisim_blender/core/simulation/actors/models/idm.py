@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
-from typing import Annotated
+from functools import cache
 
-from ....scenario.json_schema import SchemaOf
 from ....world.actor_path import ActorPath, joined
 from ....world.captures import US_PER_SECOND
 from ....world.drive import Actor
 from ...states import ActorState, Traffic, actor_footprint
 from ..follow import IdmParameters, PathProgress, advanced, search_of
 from ..lead import Lead, touching
-from ..model import Acceleration, ActorMotion, Answer, Model, Pending, after, register
+from ..model import ActorMotion, Answer, Model, Pending, after, register
 from ..recording import Recording
 from .replay import Replay
 
@@ -45,7 +43,7 @@ class FollowingMemory:
 
 @register
 @dataclass(frozen=True)
-class Idm(Model):
+class Idm(IdmParameters, Model):
     """Along its recorded path at the speed recorded there, behind whatever is in its way.
 
     It stands where and until when the recording stood. The defaults are nuPlan's. Beyond the path's end it goes straight on, or
@@ -53,16 +51,6 @@ class Idm(Model):
     """
 
     type = "idm"
-
-    headway_s: Annotated[float, SchemaOf({"type": "number", "minimum": 0, "maximum": 20})] = 1.5
-    gap_m: Annotated[float, SchemaOf({"type": "number", "exclusiveMinimum": 0, "maximum": 100})] = 1.0
-    acceleration_m_s2: Acceleration = 1.0
-    braking_m_s2: Acceleration = 2.0
-    exponent: Annotated[float, SchemaOf({"type": "number", "minimum": 1, "maximum": 20})] = 4.0
-
-    @cached_property
-    def driver(self) -> IdmParameters:
-        return IdmParameters(self.headway_s, self.gap_m, self.acceleration_m_s2, self.braking_m_s2, self.exponent)
 
     def start(self, actor: Actor, world: Recording, time_us: int) -> ActorMotion:
         if actor.uid in world.people:
@@ -110,15 +98,15 @@ class Idm(Model):
     def follow(self, actor: Actor, memory: FollowingMemory, time_us: int, step_us: int) -> Answer:
         """Return the state after a step along the path, which depends on what is in the way there."""
         length, width, _ = actor.size_m.tolist()
-        driver, progress = self.driver, memory.progress
+        progress = memory.progress
         if progress.is_over:
             return ActorMotion(progress.state(), memory)
 
         def then(lead: Lead | None) -> ActorMotion:
-            after_step = advanced(progress, driver, lead, time_us, step_us)
+            after_step = advanced(progress, self, lead, time_us, step_us)
             return ActorMotion(after_step.state(), FollowingMemory(memory.world, after_step, memory.stage))
 
-        return Pending(search_of(progress, driver, (length, width), actor.uid), then)
+        return Pending(search_of(progress, self, (length, width), actor.uid), then)
 
 
 def begun(actor: Actor, path: ActorPath, state: ActorState, world: Recording, s_m: float) -> FollowingMemory:

@@ -22,7 +22,6 @@ class Lane(Auto):
     type = "lane"
 
     def path_of(self, actor: Actor, world: Recording) -> ActorPath | None:
-        """Return the recorded path, continued."""
         return world.continued(actor.uid)
 
     def leaves(

@@ -64,7 +64,6 @@ class Scripted(Model):
     keys: Annotated[tuple[ScriptedKey, ...], SchemaOf(KEYS)]
 
     def check(self) -> None:
-        """Refuse keys out of order, and those that say nothing."""
         for index, key in enumerate(self.keys):
             if key.speed_m_s is None and key.left_m is None:
                 self.fail(f"keys[{index}]", "needs speed_m_s or left_m")
