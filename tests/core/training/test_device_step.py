@@ -176,7 +176,7 @@ def test_a_device_draws_the_cells_rays_and_beams_that_the_host_draws(log: Log) -
     )
     order = np.argsort(view, kind="stable")
     wanted = cameras.pixels(PixelDraw(view[order], x[order], y[order], np.zeros(60, int), np.ones(60)), up)
-    got = images.batch(*map(torch.as_tensor, (view[order], x[order], y[order])), cells=1)
+    got = images.batch(torch.as_tensor(view[order]), torch.as_tensor(x[order]), torch.as_tensor(y[order]), 1)
     assert torch.equal(got.target, wanted.target) and torch.equal(got.camera, wanted.camera)
     for name in ("origins", "directions", "time_s"):
         torch.testing.assert_close(getattr(got.rays, name), getattr(wanted.rays, name), rtol=0, atol=2e-5)
