@@ -98,7 +98,7 @@ class BranchGradients:
                 leaf.grad.add_(gradient)
 
 
-_STOPPED_FROM = 0.8
+STOPPED_FROM = 0.8
 """From this progress on surfaces are sharp, and how much of a ray stops in a voxel tells a surface from haze."""
 
 
@@ -314,11 +314,16 @@ class LossBranches:
             )
         start.gradients.take(loss)
 
+    def patches_apart(self) -> int:
+        """Return the number of patches that are taken apart, a ray here and a ray there: see `TrainConfig.scattered`."""
+        c = self.setup.config
+        alone = self.setup.model.camera_decoder.reach == 0
+        return min(round(c.patches * c.scattered), c.patches - 1) if alone else 0
+
     def draw_pixels(self, rng: np.random.Generator, iteration: int) -> tuple[list[PatchBatch], PixelDraw | None]:
         """Patches, then as many single cells as the patches that were taken apart held, drawn by their errors."""
-        setup = self.setup
+        setup, apart = self.setup, self.patches_apart()
         c, up = setup.config, setup.model.config.upsample
-        apart = min(round(c.patches * c.scattered), c.patches - 1) if setup.model.camera_decoder.reach == 0 else 0
         setup.cameras.advance(iteration)
         batches, draw = [setup.cameras.patches(rng, c.patches - apart, c.patch_cells, up)], None
         if apart:
@@ -365,7 +370,7 @@ class LossBranches:
             camera=camera,
             there=None if segments.there is None else segments.there.repeat_interleave(segments.t.shape[1]),
         )  # fmt: skip
-        if start.done >= _STOPPED_FROM and segments.density == "logistic":
+        if start.done >= STOPPED_FROM and segments.density == "logistic":
             before = only(segments.there, weights.transmittance_before)
             setup.occupancy.note_stopped(segments.points, weights.samples, before)
 

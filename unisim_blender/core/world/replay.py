@@ -89,7 +89,11 @@ class PaddedKeys:
     @staticmethod
     def of(actors: Sequence[Actor]) -> PaddedKeys:
         """Return the keys of actors, one row each."""
-        trajectories = [actor.world_from_actor for actor in actors]
+        return PaddedKeys.of_trajectories([actor.world_from_actor for actor in actors])
+
+    @staticmethod
+    def of_trajectories(trajectories: Sequence[Trajectory]) -> PaddedKeys:
+        """Return the keys of trajectories, one row each."""
         lengths = np.array([len(trajectory.times_s) for trajectory in trajectories], np.int32)
         shape = len(trajectories), int(lengths.max(initial=1))
         times, positions = np.full(shape, np.inf), np.zeros((*shape, 3))
