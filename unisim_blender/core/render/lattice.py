@@ -363,10 +363,8 @@ def _refine(image: SparseImage, blocks: Blocks, size: int, spread: float, trace:
         apart[doubtful] = ~predicted(image, blocks[doubtful], size, spread)
         leaves.append((blocks[~apart], size))
         blocks = blocks[apart]
-        first, steps = (
-            blocks[:, 0] * w + blocks[:, 1],
-            np.array([half, half * w, half * w + half, size * w + half, half * w + size]),
-        )
+        first = blocks[:, 0] * w + blocks[:, 1]
+        steps = np.array([half, half * w, half * w + half, size * w + half, half * w + size])
         wanted = np.zeros(image.known.size, bool)
         for step in steps:
             wanted[first + step] = True
