@@ -15,7 +15,7 @@ from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.render.captures import render_image, states_of
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
-from unisim_blender.core.training.trainer import Trainer
+from unisim_blender.core.training.on_device import make_trainer
 from unisim_blender.core.world.captures import Capture
 
 from .scenes import config_of, held_out, opened, peak_memory, scene_of
@@ -69,7 +69,9 @@ def profile_scene(settings: Settings, found: Findings, preset: str) -> None:
     log, out = opened(settings), Path(settings.out)
 
     def steps() -> Callable[[], object]:
-        trainer = Trainer(log, config_of(log, preset, settings, iterations=10_000, poses_from=0.0, unobserved_from=0.0))
+        trainer = make_trainer(
+            log, config_of(log, preset, settings, iterations=10_000, poses_from=0.0, unobserved_from=0.0)
+        )
         return lambda: [trainer.step() for _ in range(STEPS)]
 
     def image() -> Callable[[], object]:

@@ -72,23 +72,31 @@ def train_scene(settings: Settings, found: Findings, preset: str) -> None:
     from unisim_blender.core.render.captures import render_image, states_of
     from unisim_blender.core.render.renderer import Renderer
     from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
-    from unisim_blender.core.training.loop import train
+    from unisim_blender.core.training import loop, on_device
     from unisim_blender.core.training.trainer import Trainer
     from unisim_blender.core.world.captures import Capture
 
     log, begun = opened(settings), time.monotonic()
     done: list[tuple[float, dict[str, float]]] = []
-    step = Trainer.step
+    make = on_device.make_trainer
 
-    def noted(trainer: Trainer) -> dict[str, float]:
-        metrics = step(trainer)
-        done.append((time.monotonic(), metrics))
-        if len(done) % 50 == 1:
-            found.note(steps=len(done), last=metrics)
-        return metrics
+    def noted(*args: Any) -> Trainer:
+        trainer = make(*args)
+        step = trainer.step
 
-    with patch.object(Trainer, "step", noted):
-        header = train(
+        def stepped() -> dict[str, float]:
+            metrics = step()
+            # on a GPU most steps leave their loss there
+            done.append((time.monotonic(), metrics or (done[-1][1] if done else {})))
+            if len(done) % 50 == 1:
+                found.note(steps=len(done), last=metrics)
+            return metrics
+
+        trainer.step = stepped  # type: ignore[method-assign]
+        return trainer
+
+    with patch.object(loop, "make_trainer", noted):
+        header = loop.train(
             log, config_of(log, preset, settings, minutes=settings.seconds / 60), scene_of(settings, preset), quiet=True
         )
     seconds = float(header.training["seconds"])
@@ -96,7 +104,7 @@ def train_scene(settings: Settings, found: Findings, preset: str) -> None:
     found.note(
         steps=len(done), seconds=seconds, steps_per_s=len(done) / max(seconds, 1e-9), last=done[-1][1],
         late_steps_per_s=(len(late) - 1) / max(late[-1][0] - late[0][0], 1e-9) if len(late) > 1 else None,
-        losses=[[i, metrics["loss"]] for i, (_, metrics) in list(enumerate(done))[:: max(len(done) // KEPT_LOSSES, 1)]],
+        losses=[[i, metrics.get("loss")] for i, (_, metrics) in list(enumerate(done))[:: max(len(done) // KEPT_LOSSES, 1)]],
         whole_s=round(time.monotonic() - begun, 1), training_peak=peak_memory(settings.device),
     )  # fmt: skip
     scene, frame = load_scene(scene_of(settings, preset), settings.device), held_out(log)

@@ -22,7 +22,7 @@ from unisim_blender.core.render.quality import QUALITIES
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.sensors.frames import CameraFrame
-from unisim_blender.core.training.trainer import Trainer
+from unisim_blender.core.training.on_device import make_trainer
 from unisim_blender.core.world.captures import Capture
 
 from .kernels import READY
@@ -113,7 +113,7 @@ def time_scene(settings: Settings, found: Findings, preset: str) -> None:
 
     def steps() -> Callable[[], object]:
         on = {"perceptual_from": 0.0, "poses_from": 0.0, "unobserved_from": 0.0, "settled_from": 0.0, "prune_from": 0}
-        trainer = Trainer(log, config_of(log, preset, settings, iterations=10_000, **on))
+        trainer = make_trainer(log, config_of(log, preset, settings, iterations=10_000, **on))
         return lambda: [trainer.step() for _ in range(STEPS)]
 
     work: list[tuple[str, Callable[[], Callable[[], object]], int]] = [("step", steps, STEPS)]

@@ -10,9 +10,11 @@
 namespace {
 
 // What an image needs beside `TraceInputs`, whose rays and results are numbered by its pixels: row by row, `height` rows
-// and `width` columns from `top` and `left` of the camera's image.
+// and `width` columns from `top` and `left` of the camera's image. Where `up` is not 1, they are cells of up x up pixels,
+// with rays through their middles, and all of them are traced.
 struct ImageInputs {
     int32_t height, width, top, left;
+    int32_t up;
     int32_t lens_width;       // columns of `lens`
     int32_t reads_columns;    // whether the shutter reads columns: these are the lines then
     double fx, fy, cx, cy;    // of a pinhole, pixels
@@ -70,8 +72,9 @@ UNISIM_DEVICE inline void begin_pixel(const ImageInputs &image, int64_t pixel) {
         const int64_t at = static_cast<int64_t>(image.top + row) * image.lens_width + image.left + column;
         for (int a = 0; a < 3; ++a) local[a] = image.lens[3 * at + a];
     } else {
-        const double x = (image.left + column + 0.5 - image.cx) / image.fx,
-                     y = (image.top + row + 0.5 - image.cy) / image.fy, length = std::sqrt(x * x + (y * y + 1));
+        const double x = ((image.left + column + 0.5) * image.up - image.cx) / image.fx,
+                     y = ((image.top + row + 0.5) * image.up - image.cy) / image.fy,
+                     length = std::sqrt(x * x + (y * y + 1));
         local[0] = x / length;
         local[1] = y / length;
         local[2] = 1 / length;
@@ -172,7 +175,9 @@ UNISIM_DEVICE inline void decode_beam(const TraceInputs &in, const unisim_head &
     out[1] = x[1];
 }
 
-UNISIM_DEVICE inline void decode(const ImageInputs &image, const float *feature, const double *direction, float *rgb) {
+// Decodes the feature of a pixel, or of a cell's pixels, into the image.
+UNISIM_DEVICE inline void decode(const ImageInputs &image, const float *feature, const double *direction,
+                                 int64_t pixel) {
     float x[MAX_WIDTH], active[MAX_WIDTH], inner[MAX_WIDTH];
     run_head(image.head, feature, direction, nullptr, x, active);
     for (int i = 0; i + 1 < image.convolution_count; i += 2) {
@@ -184,13 +189,18 @@ UNISIM_DEVICE inline void decode(const ImageInputs &image, const float *feature,
         apply_relu(x, second.outputs, active);
     }
     apply_layer(image.convolutions[image.convolution_count - 1], active, inner);
-    for (int c = 0; c < 3; ++c) rgb[c] = sigmoid(inner[c]);
+    const int64_t row = pixel / image.width, column = pixel % image.width;
+    const int line = 3 * image.up;
+    for (int i = 0; i < image.up; ++i) {
+        float *out = image.rgb + ((row * image.up + i) * image.width + column) * line;
+        for (int j = 0; j < line; ++j) out[j] = sigmoid(inner[i * line + j]);
+    }
 }
 
 // The colour of a traced pixel, and its passes as an image has them.
 UNISIM_DEVICE inline void finish_pixel(const TraceInputs &in, const ImageInputs &image, int64_t pixel) {
     const double *origin = image.origins + 3 * pixel, *direction = image.directions + 3 * pixel;
-    decode(image, in.result.feature + pixel * image.head.features, direction, image.rgb + 3 * pixel);
+    decode(image, in.result.feature + pixel * image.head.features, direction, pixel);
     if (!in.result.median) return;
     float &depth = in.result.median[pixel];
     const bool solid = in.result.opacity[pixel] > 0.5f;

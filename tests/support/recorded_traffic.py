@@ -9,8 +9,8 @@ import numpy as np
 
 from unisim_blender.core.data.classes import motion_of
 from unisim_blender.core.geometry import FloatArray, Trajectory, quaternion_from_yaw
-from unisim_blender.core.simulation.actors import ActorModel, ActorMotion, Recording
-from unisim_blender.core.simulation.actors.model import step_all
+from unisim_blender.core.simulation.actors.model import ActorModel, ActorMotion, step_all
+from unisim_blender.core.simulation.actors.recording import Recording
 from unisim_blender.core.simulation.states import ActorState, Footprint, Traffic
 from unisim_blender.core.world.drive import EGO, Actor, Appearance, Drive
 

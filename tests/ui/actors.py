@@ -255,7 +255,7 @@ def inserted() -> Iterator[float]:
     yield 0.5
     yield from second_by_thumbnail("actor of the drive", "inserting")
     yield from until(lambda: len(bpy.context.scene.objects) > len(there), "nothing is inserted", 10)
-    (new,) = {o.name for o in bpy.context.scene.objects} - there
+    (new,) = {o.name for o in bpy.context.scene.objects if o.unisim.kind == "ACTOR"} - there  # and its trajectory
     yield 1.0
     screenshot("inserted_actor")
     assert edits() == [("Insert", SECOND)] and object_named(new).unisim.look == SECOND, edits()

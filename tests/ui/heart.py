@@ -45,11 +45,11 @@ class Heart:
         """Called by a timer of Blender's."""
         now = time.monotonic()
         block_s = now - self.last - BEAT_S
+        looks, self.looks = Counter(dict(self.looks)), Counter()  # a copy: the other thread may still add to the first
         if block_s > LONG_S:
-            self.blocks.append((round(block_s, 2), dict(self.looks.most_common(4))))
+            self.blocks.append((round(block_s, 2), dict(looks.most_common(4))))
         if block_s > self.longest:
-            self.longest, self.within = block_s, self.looks
-        self.looks = Counter()
+            self.longest, self.within = block_s, looks
         self.last = now
         return BEAT_S
 

@@ -81,7 +81,7 @@ def parked_row() -> list[bpy.types.Object]:
 
 
 def removed() -> Iterator[float]:
-    """Bird's-Eye View, B, a box over the parked row, X, Enter, and Bird's-Eye View again."""
+    """Bird's-Eye View, the wheel, B, a box over the parked row, X, Enter, and Bird's-Eye View again."""
     views = module("features.points.birds_eye").views
     uids = sorted(obj.unisim.uid for obj in parked_row())
     yield from press("unisim.birds_eye")
@@ -89,6 +89,11 @@ def removed() -> Iterator[float]:
     yield 1.0
     ((found, space, _),) = list(views(bpy.context.scene))
     region = next(r for r in found.regions if r.type == "WINDOW")
+    yield from to(region.x + region.width / 2, region.y + region.height / 2)
+    for _ in range(5):  # the whole row
+        yield from key("WHEELDOWNMOUSE")
+        yield 0.1
+    yield 0.5
     shown = [location_3d_to_region_2d(region, space.region_3d, o.matrix_world.translation) for o in parked_row()]
     corners = np.array(shown) + [region.x, region.y]
     (left, down), (right, up) = corners.min(0), corners.max(0)
@@ -123,7 +128,7 @@ def boxed(x: float, y: float, to_x: float, to_y: float) -> Iterator[float]:
 
 def inserted() -> Iterator[float]:
     """A car of another trained scene, by F3 and the file browser; Cut-In by the pie; 2 s earlier by F9."""
-    yield from to_frame(frame_at(0.6))
+    yield from to_frame(frame_at(0.44))  # a cut-in takes four seconds
     yield from searched("actor of a trained" if IS_TRAINED else "actor of the drive")
     if IS_TRAINED:
         yield from choose_path(ANOTHER)

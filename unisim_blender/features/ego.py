@@ -6,17 +6,16 @@ from bpy.props import EnumProperty, StringProperty
 from ..bridge.changes.motion import displaced_along
 from ..bridge.objects.ego_bodies import make_body, release_body
 from ..bridge.objects.imported import imported_objects
-from ..bridge.objects.meshes import parts
-from ..bridge.window import choose, chosen, object_mode, refresh, selected, vehicle
+from ..bridge.window import Need, choose, object_mode, selected, vehicle
 from ..core.errors import UnisimError
 from ..core.scenario.edits.ego_body import DEFAULT_LABEL
 from ..translations import message
-from .actors.operators import DIRECTIONS, marked_above
-from .operator_bases import Editing, in_metres, reporting
+from .actors.operators import DIRECTIONS, selected_meshes
+from .operator_bases import EditsObjects, in_metres
 from .sidebar import DrivePanel, row_of
 
 
-class UNISIM_OT_shift_ego(Editing, bpy.types.Operator):
+class UNISIM_OT_shift_ego(EditsObjects, bpy.types.Operator):
     """Displace the trajectory of the ego vehicle and its sensors to the left or right"""
 
     bl_label = "Shift Ego Lane"
@@ -24,12 +23,11 @@ class UNISIM_OT_shift_ego(Editing, bpy.types.Operator):
 
     left_m: in_metres("Left", "Displacement to the left; negative values displace to the right", 1.0, once=False)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         vehicles = list(imported_objects(context.scene, "EGO"))
         for ego in vehicles:
             displaced_along(ego, (0.0, self.left_m, 0.0))
-        refresh(vehicles)
-        return {"FINISHED"}
+        return vehicles
 
 
 def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
@@ -43,7 +41,7 @@ PLACES = (
 )
 
 
-class UNISIM_OT_ego_body(Editing, bpy.types.Operator):
+class UNISIM_OT_ego_body(EditsObjects, bpy.types.Operator):
     """Use the selected mesh objects and their children as the body of the ego vehicle, which sensors on it do not see"""
 
     bl_label = "Use as Ego Body"
@@ -55,12 +53,8 @@ class UNISIM_OT_ego_body(Editing, bpy.types.Operator):
         name="Class", description="As the log's labels have it: Car, Pickup Truck, Bus …", default=DEFAULT_LABEL
     )
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Make one body of all that is selected, and put it on the vehicle."""
-        meshes = [obj for obj in chosen(context, "NONE") if not marked_above(obj) and any(parts(obj))]
-        if not meshes:
-            raise UnisimError(message("no selected object has a surface"))
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
+        meshes = selected_meshes(context)
         moving = next((obj for obj in meshes if obj.animation_data is not None or obj.constraints), None)
         if moving is not None:
             raise UnisimError(
@@ -72,27 +66,28 @@ class UNISIM_OT_ego_body(Editing, bpy.types.Operator):
         meshes.sort(key=lambda obj: obj == context.active_object)
         body = make_body(context.scene, meshes, self.label or DEFAULT_LABEL, self.forward, self.place == "VEHICLE")
         choose(context, body)
-        refresh([body])
         self.report({"INFO"}, message("{name} is the ego vehicle's body", name=body.name))
-        return {"FINISHED"}
+        return [body]
 
 
-class UNISIM_OT_release_ego_body(Editing, bpy.types.Operator):
+def ego_body(context: bpy.types.Context) -> Need:
+    """The ego vehicle has a body."""
+    return bodies_of(context.scene), "No mesh is the ego vehicle's body: Use as Ego Body makes one"
+
+
+class UNISIM_OT_release_ego_body(EditsObjects, bpy.types.Operator):
     """Turn the selected ego bodies, or all if none is selected, back into ordinary objects, which no sensor sees"""
 
     bl_label = "Release Ego Body"
-    needs = (
-        object_mode,
-        lambda context: (bodies_of(context.scene), "No mesh is the ego vehicle's body: Use as Ego Body makes one"),
-    )
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    needs = (object_mode, ego_body)
+
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         every = bodies_of(context.scene)
         released = [obj for obj in every if obj.select_get()] or every
         for obj in released:
             release_body(obj)
-        refresh(released)
-        return {"FINISHED"}
+        return released
 
 
 class UNISIM_PT_ego(DrivePanel, bpy.types.Panel):
@@ -105,7 +100,7 @@ class UNISIM_PT_ego(DrivePanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         column = self.layout.column(align=True)
-        row_of(column, "Body", ", ".join(body.name for body in bodies_of(context.scene)), "AUTO")
+        row_of(column, "Body", ", ".join(obj.name for obj in bodies_of(context.scene)), "AUTO")
         column.operator("unisim.ego_body", icon="MESH_MONKEY")
         column.operator("unisim.release_ego_body", icon="X")
         self.layout.operator("unisim.shift_ego", icon="ARROW_LEFTRIGHT")

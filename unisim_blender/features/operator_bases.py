@@ -12,7 +12,7 @@ from typing import Any, ClassVar, TypeVar
 import bpy
 from bpy.props import FloatProperty
 
-from ..bridge.window import Need, allowed
+from ..bridge.window import Need, allowed, refresh
 from ..core.errors import UnisimError
 from ..editing.texts import Text
 from ..process.background import running, what_runs
@@ -78,13 +78,31 @@ class Editing(Needing):
     bl_options = {"REGISTER", "UNDO"}
 
 
+class EditsObjects(Editing):
+    """Base of those that change objects of the drive. Errors are reported."""
+
+    def edit(self: Any, context: bpy.types.Context) -> list[bpy.types.Object] | set[str] | None:
+        """Edit it. Return the objects that are to be evaluated again, or the operator's result where that is another one
+        than FINISHED. Raises `UnisimError`."""
+        raise NotImplementedError
+
+    @reporting
+    def execute(self: Any, context: bpy.types.Context) -> set[str]:
+        changed = self.edit(context)
+        if isinstance(changed, set):
+            return changed
+        if changed is not None:
+            refresh(changed)
+        return {"FINISHED"}
+
+
 def nothing_runs(context: bpy.types.Context) -> Need:
     """Nothing runs in the background."""
     return not running, Text("{what}: cancel it or wait until it ends", what=what_runs() or "")
 
 
 class InSteps:
-    """Base of such operators: `execute` does all at once, for scripts and without a window; `in_steps` does a step
+    """Base of operators that work in steps: `execute` does all at once, for scripts and without a window; `in_steps` does a step
     at each tick of a timer. While it works, the window hears Esc and nothing else, so the scene stays as it
     was at the press."""
 

@@ -152,7 +152,6 @@ class UNISIM_OT_resume_preparation(bpy.types.Operator):
         return allowed(cls, (stopped, "The preparation of images was not stopped"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Have the views ask again."""
         PREPARATION.stopped, PREPARATION.problem = False, ""
         run_soon(watch, POLL_S)
         return {"FINISHED"}

@@ -7,6 +7,7 @@ goes on where it stopped.
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -64,6 +65,10 @@ class Task:
     """Whether it takes an interpreter that can train."""
     hears = False
     """Whether it takes the JSON objects that the command prints, a line each, by `hear`."""
+    entry = "cli"
+    """What of `bootstrap.py` it runs."""
+    niceness = 0
+    """Of its process, which has one thread where that is not 0."""
     units = translatable("{done} of {total} frames")
     rates = ""
     """Amount done of the total in words, and speed."""
@@ -164,12 +169,16 @@ class Task:
         if python is None:
             self.words += (interpreters.how_to_mend(failed, self.trains), f"{REMEDY}interpreter")
             return 1
-        return self._execute(interpreters.command(python.path, "cli", *arguments))
+        return self._execute(interpreters.command(python.path, self.entry, *arguments))
 
     def _execute(self, command: list[str]) -> int:
         """Run a command line to its end. Return its exit code. Raises OSError."""
         out = subprocess.PIPE if self.hears else subprocess.DEVNULL
-        self.process = process = subprocess.Popen(command, stdout=out, stderr=subprocess.PIPE)
+        settings = {**os.environ, **({"OMP_NUM_THREADS": "1"} if self.niceness else {})}
+        self.process = process = subprocess.Popen(command, stdout=out, stderr=subprocess.PIPE, env=settings)
+        if self.niceness and hasattr(os, "setpriority"):
+            with suppress(OSError):
+                os.setpriority(os.PRIO_PROCESS, process.pid, self.niceness)
         if self.cancelled:
             process.kill()
         assert process.stderr is not None

@@ -156,7 +156,6 @@ class UNISIM_GT_split(bpy.types.Gizmo):
         """Nothing: the view draws the line with its image."""
 
     def test_select(self, context: bpy.types.Context, location: Any) -> int:
-        """Return 0 where the mouse is on the line, -1 elsewhere."""
         at, view = line_at(context.region, options_of(context.space_data).split), drawn_view(context.region)
         if at is None or view is None or abs(location[0] - at) > GRAB_PX * context.preferences.system.ui_scale:
             return -1
@@ -193,7 +192,6 @@ class UNISIM_GGT_split(bpy.types.GizmoGroup):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """A split has to be shown."""
         return is_rendered(context) and options_of(context.space_data).mode == "SPLIT"
 
     def setup(self, context: bpy.types.Context) -> None:

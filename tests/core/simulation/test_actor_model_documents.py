@@ -13,17 +13,17 @@ import jsonschema
 import pytest
 
 from unisim_blender.core.errors import ScenarioError
-from unisim_blender.core.simulation.actors import (
+from unisim_blender.core.simulation.actors import models
+from unisim_blender.core.simulation.actors.model import (
     MODELS,
     ActorMotion,
-    Idm,
     Model,
-    Scripted,
     model_from_dict,
-    models,
+    model_schema,
     models_schema,
+    register,
 )
-from unisim_blender.core.simulation.actors.model import model_schema, register
+from unisim_blender.core.simulation.actors.models import Idm, Scripted
 from unisim_blender.core.simulation.actors.models.scripted import ScriptedKey
 
 FILES = Path(str(models.__file__)).parent

@@ -23,10 +23,12 @@ from recorded_traffic import (
 )
 
 from unisim_blender.core.geometry import Trajectory
-from unisim_blender.core.simulation.actors import Attack, Auto, CutIn, Idm, Lane, Model, Recording, Replay, Scripted
+from unisim_blender.core.simulation.actors.model import Model
+from unisim_blender.core.simulation.actors.models import Attack, Auto, CutIn, Idm, Lane, Replay, Scripted
 from unisim_blender.core.simulation.actors.models.attack import AttackMemory
 from unisim_blender.core.simulation.actors.models.idm import FollowingMemory, RecordedMemory
 from unisim_blender.core.simulation.actors.models.scripted import ScriptedKey
+from unisim_blender.core.simulation.actors.recording import Recording
 from unisim_blender.core.simulation.footprints import time_to_overlap
 from unisim_blender.core.simulation.states import Footprint
 from unisim_blender.core.world.drive import EGO

@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 from recorded_traffic import PERSON, actor, bend, ego_box, jumps, keys, recording, run, standing, straight
 
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw
-from unisim_blender.core.simulation.actors import Attack, Auto, CutIn, Idm, Lane, Model, Replay, Scripted
 from unisim_blender.core.simulation.actors.lead import Way, swept
+from unisim_blender.core.simulation.actors.model import Model
+from unisim_blender.core.simulation.actors.models import Attack, Auto, CutIn, Idm, Lane, Replay, Scripted
 from unisim_blender.core.simulation.actors.models.scripted import ScriptedKey
 from unisim_blender.core.simulation.states import Footprint
 from unisim_blender.core.world.actor_path import ActorPath, joined, yaw_of

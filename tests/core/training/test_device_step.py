@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from concurrent.futures import Future
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from no_host_decisions import HostDecision, NoHostDecisions
@@ -18,7 +20,12 @@ from unisim_blender.core.data.log import Log
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.ops import padding
 from unisim_blender.core.ops.padding import Padding, drawn, masked_mean, masked_quantile, selected
+from unisim_blender.core.training.batches.data import CameraData, LidarData
+from unisim_blender.core.training.batches.images import PixelChoice, PixelDraw
+from unisim_blender.core.training.batches.on_device import DeviceImages, DeviceSweeps
+from unisim_blender.core.training.checkpoint import load_checkpoint, save_checkpoint
 from unisim_blender.core.training.config import TrainConfig
+from unisim_blender.core.training.on_device import DeviceTrainer
 from unisim_blender.core.training.trainer import Trainer
 
 EVERYTHING = TrainConfig(
@@ -148,3 +155,129 @@ def test_padded_terms_and_gradients_are_the_plain_ones(log: Log, even: None, cha
     assert sum(bool((a != 0).any()) for a in gradients) > 8, "most parameters learn something"
     for name, state in plain.occupancy.state().items():
         torch.testing.assert_close(other.occupancy.state()[name], state, rtol=1e-4, atol=1e-5)
+
+
+def test_a_device_draws_the_cells_rays_and_beams_that_the_host_draws(log: Log) -> None:
+    trainer = Trainer(log, EVERYTHING)
+    cameras, up = trainer.cameras, trainer.model.config.upsample
+    torch.manual_seed(0)
+    images = DeviceImages(cameras, trainer.choice, 8, up, "cpu")
+    patches = images.patches(40)
+    cells, block, weight = images.scattered(500)
+    edge = 8 * up
+    room = cameras.corners("front_camera", edge)
+    drawn_corners = images.corner.tolist()
+    assert drawn_corners == room.tolist() and patches.target.shape == (40, 3, edge, edge)
+    choice = trainer.choice
+    rng = np.random.default_rng(0)
+    view, x, y = (
+        rng.integers(len(cameras.views), size=60),
+        *(rng.integers(n - up, size=60) for n in (images_width(cameras))),
+    )
+    order = np.argsort(view, kind="stable")
+    wanted = cameras.pixels(PixelDraw(view[order], x[order], y[order], np.zeros(60, int), np.ones(60)), up)
+    got = images.batch(torch.as_tensor(view[order]), torch.as_tensor(x[order]), torch.as_tensor(y[order]), 1)
+    assert torch.equal(got.target, wanted.target) and torch.equal(got.camera, wanted.camera)
+    for name in ("origins", "directions", "time_s"):
+        torch.testing.assert_close(getattr(got.rays, name), getattr(wanted.rays, name), rtol=0, atol=2e-5)
+    torch.testing.assert_close(got.world_from_camera, wanted.world_from_camera, rtol=0, atol=1e-6)
+    # chances, weights and errors are the host's
+    assert float(weight.mean()) == pytest.approx(1.0, abs=0.2) and int(block.max()) < len(choice.view)
+    host = PixelChoice(cameras.rooms(up))
+    square = np.linspace(0, 1, len(block))
+    host.note(block.numpy(), square)
+    images.note(block, torch.as_tensor(square))
+    np.testing.assert_allclose(choice.state()["error"], host.state()["error"], rtol=1e-12)
+    chances = np.bincount(host.draw(rng, 200_000).block, minlength=len(choice.view)) / 200_000
+    mine = np.bincount(images.scattered(200_000)[1], minlength=len(choice.view)) / 200_000
+    assert np.abs(chances - mine).sum() < 0.1 + np.sqrt(len(mine) / 200_000)
+
+
+def images_width(cameras: CameraData) -> tuple[int, int]:
+    model = cameras.cameras["front_camera"].model
+    return model.width, model.height
+
+
+def test_a_device_draws_beams_as_the_host_does(log: Log) -> None:
+    lidar = Trainer(log, EVERYTHING).lidar
+    assert isinstance(lidar, LidarData)
+    torch.manual_seed(0)
+    mine, host = DeviceSweeps(lidar, "cpu").sample(1000), lidar.sample(np.random.default_rng(0), 1000)
+    assert int(mine.returned.sum()) == int(host.returned.sum()) and len(mine.rays) == 1000
+    assert sorted(set(mine.weight.tolist())) == pytest.approx(sorted(set(host.weight.tolist())))
+    at = {tuple(d): t for d, t in zip(lidar.directions.tolist(), lidar.depth_m.tolist(), strict=True)}
+    assert all(at[tuple(d)] == t for d, t in zip(mine.rays.directions.tolist(), mine.depth_m.tolist(), strict=True))
+
+
+@pytest.fixture
+def plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(native, "library", lambda: None)
+
+
+@pytest.mark.parametrize("preset", ["tiny", pytest.param("compact", marks=pytest.mark.slow)])
+def test_no_step_waits_for_its_device(log: Log, plain: None, preset: str) -> None:
+    """Draws, of pixels apart where a decoder looks at each by itself, gradients, optimisers and occupancy, in every phase;
+    the loss is read every ten steps."""
+    phases: dict[str, Any] = {"unobserved_from": 0.08, "poses_from": 0.05, "still_from": 0.12}
+    trainer = DeviceTrainer(log, dataclasses.replace(EVERYTHING, preset=preset, patches=2, patch_cells=12, **phases))
+    assert trainer.unsuited() is None
+    metrics = [trainer.step() for _ in range(10)]
+    assert all(not each for each in metrics[:-1]) and {"loss", "psnr", "lidar_m", "rgb", "eikonal"} <= set(metrics[-1])
+    before = [p.detach().clone() for p in trainer.model.parameters()]
+    for number in range(1, 10):
+        with NoHostDecisions():  # type: ignore[no-untyped-call]
+            assert trainer.step() == {}, number
+    assert sum(bool((a != b).any()) for a, b in zip(before, trainer.model.parameters(), strict=True)) > 8
+    assert {"unobserved", "normal_smoothness"} <= set(trainer.step()) and len(trainer._graphs) > 6
+
+
+def test_more_hits_than_there_is_room_for_make_room(log: Log, plain: None) -> None:
+    trainer = DeviceTrainer(log, EVERYTHING)
+    assert trainer.padding is not None
+    trainer.padding.hits_per_ray = 1e-3
+    for _ in range(10):
+        trainer.step()
+    assert trainer.padding.hits_per_ray == pytest.approx(1.5e-3) and not trainer.padding.missed
+
+
+def test_a_device_learns_as_the_host_does_and_resumes(log: Log, tmp_path: Path) -> None:
+    """The same losses after as many steps, within what a seed changes; a checkpoint goes on to the same bits."""
+    config = dataclasses.replace(EVERYTHING, patches=8, iterations=60)
+    host, device = Trainer(log, config), DeviceTrainer(log, config)
+    losses = [[trainer.step().get("rgb") for _ in range(40)] for trainer in (host, device)]
+    save_checkpoint(tmp_path / "kept", device)
+    ends = [np.mean([loss for loss in each[20:] if loss is not None]) for each in losses]
+    begins = [next(loss for loss in each if loss is not None) for each in losses]
+    assert ends[1] == pytest.approx(ends[0], rel=0.25) and ends[1] < 0.8 * begins[0]
+    again = DeviceTrainer(log, config)
+    load_checkpoint(tmp_path / "kept", again)
+    for _ in range(10):
+        wanted, got = device.step(), again.step()
+    assert wanted == got
+    assert all(torch.equal(a, b) for a, b in zip(device.model.parameters(), again.model.parameters(), strict=True))
+
+
+@pytest.mark.slow
+def test_a_steps_forward_pass_is_one_graph_of_operations(log: Log, plain: None) -> None:
+    """Torch's compiler, which breaks a graph where Python needs a value, traces it as a whole."""
+    trainer = DeviceTrainer(log, EVERYTHING)
+    for _ in range(4):
+        trainer.step()
+    start = trainer._start(0, 0.5, trainer.deferred(), Future())
+    batches, blocks, beams = trainer.draw()
+    weight = None if blocks is None else blocks[1]
+
+    def loss() -> Tensor:
+        return torch.stack(list(trainer.terms(start, batches, weight, beams)[0].values())).sum()
+
+    torch.manual_seed(0)
+    wanted = loss()
+    torch._dynamo.reset()
+    torch.manual_seed(0)
+    torch.testing.assert_close(torch.compile(loss, backend="eager", fullgraph=True)(), wanted, rtol=1e-5, atol=1e-6)
+
+
+def test_what_needs_the_host_says_so(log: Log, capsys: pytest.CaptureFixture[str]) -> None:
+    trainer = DeviceTrainer(log, dataclasses.replace(EVERYTHING, adversarial=True))
+    assert trainer.padding is None and "psnr" in trainer.step()
+    assert "led by the host, which takes longer: the adversarial term has" in capsys.readouterr().err

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from mathutils import Matrix
 
 from ...core.geometry import invert_pose
 from ...core.meshes.read import read_mesh
@@ -27,7 +26,7 @@ from ...editing.sampled.source import DriveSource
 from ...editing.sensors.mounts import lag, lidar_json
 from ..importing.drive import animate, ride_on_vehicle
 from ..objects.ego_bodies import mount_body
-from ..objects.imported import collection_of, entitle, imported_objects, make, mark_static, new_actor
+from ..objects.imported import collection_of, entitle, imported_objects, make, mark_static, new_actor, stand_at
 from ..objects.meshes import object_of
 from ..objects.sensors import set_model
 from ..objects.settings import apply_simulation
@@ -99,7 +98,7 @@ def apply_static(target: Target) -> None:
                 copy.name = edit.id
                 entitle(copy, edit.id)
                 collection_of(scene, "STATIC").objects.link(copy)
-                copy.location, copy.rotation_quaternion, _ = Matrix(pose_of(edit.target).tolist()).decompose()
+                stand_at(copy, pose_of(edit.target))
         if uid in gone:
             bpy.data.objects.remove(obj)
 

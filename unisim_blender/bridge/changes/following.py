@@ -7,6 +7,8 @@ change at the next frame; all its keys are displaced by it instead."""
 
 from __future__ import annotations
 
+from functools import partial
+
 import bpy
 import numpy as np
 from bpy.app.handlers import persistent
@@ -16,7 +18,7 @@ from ...core.geometry import FloatArray
 from ...editing.motion.keys import BLEND_S, SAME
 from ...editing.sampled.clock import Clock
 from ...translations import localized, message
-from ..objects.animation import add_to_keys, curves_of, keyed_values
+from ..objects.animation import VALUES, change_keys, curves_of, keyed_values
 from ..objects.imported import KINDS_OF_DRIVE, drive_of, has_drive, imported_objects
 from ..objects.meshes import scaled_sentence
 from ..objects.trajectories import convert, trajectory_of
@@ -248,7 +250,7 @@ def keep(scene: bpy.types.Scene, obj: bpy.types.Object, frame: float) -> str:
         changed = True
         if path == "location":
             for i, curve in keyed.items():
-                add_to_keys(curve, float(now[i] - then[i]))
+                change_keys(curve, VALUES, partial(np.add, now[i] - then[i]))
         elif len(keyed) == 4:
             _turn([keyed[i] for i in range(4)], Quaternion(now).normalized() @ Quaternion(then).normalized().inverted())
     if changed:
@@ -264,10 +266,7 @@ def _keep_scale(obj: bpy.types.Object, frame: float) -> bool:
         now, then = float(obj.scale[curve.array_index]), float(curve.evaluate(frame))
         if abs(now - then) > SAME and then != 0.0:
             scaled = True
-            for key in curve.keyframe_points:
-                for part in (key.co, key.handle_left, key.handle_right):
-                    part[1] *= now / then
-            curve.update()
+            change_keys(curve, VALUES, partial(np.multiply, now / then))
     return scaled
 
 

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import bpy
 import numpy as np
-from mathutils import Matrix
 
 from ...core.errors import ScenarioError, UnisimError
 from ...core.geometry import BoolArray, FloatArray
@@ -22,7 +21,7 @@ from ...editing.sampled.clock import Clock, recorded_poses, recorded_there
 from ...editing.sampled.scene import Sampled
 from ...editing.sampled.source import DriveSource
 from ..importing.drive import go
-from ..objects.imported import collection_of, imported_objects, new_actor, original_of, source_of, title_of
+from ..objects.imported import add_actor, imported_objects, original_of, source_of, stand_at, title_of
 from ..sampling.from_keys import Sampler
 from ..sampling.stepping import shown_names
 
@@ -153,13 +152,11 @@ def inserted_at(
 ) -> bpy.types.Object:
     """Return a new object for an actor of the drive at a pose (4, 4), on the ground there."""
     actor = source.drive.actors[uid]
-    obj = new_actor(name, actor)
-    collection_of(scene, "ACTOR").objects.link(obj)
-    obj.unisim.look = uid
+    obj = add_actor(scene, name, actor, uid)
     place = (str(source.log_path), frame, *pose[:3, 3].round(2).tolist())
     if place not in _grounds:
         _grounds[place] = ground_height(source, pose[:3, 3], frame)
     ground = _grounds[place]
-    obj.location, obj.rotation_quaternion, _ = Matrix(pose.tolist()).decompose()
+    stand_at(obj, pose)
     obj.location.z = (float(pose[2, 3]) if ground is None else ground) + float(actor.appearance_size_m[2]) / 2
     return obj

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import bpy
 import numpy as np
@@ -17,7 +18,7 @@ from ...editing.motion.retiming import later_or_earlier
 from ...editing.sampled.axes import axes_of
 from ...editing.sampled.clock import Clock
 from ...editing.texts import Text, series
-from ..objects.animation import add_to_keys, curves_of, keys_of, write_keys
+from ..objects.animation import FRAMES, VALUES, change_keys, curves_of, keys_of, write_keys
 from ..objects.imported import class_of
 from ..objects.meshes import size_of
 from ..objects.trajectories import keyed_pose, own_trajectory, ride, settle_on, trajectory_of
@@ -37,7 +38,7 @@ def displaced_along(obj: bpy.types.Object, offset_m: Sequence[float]) -> None:
             obj.unisim.rest_location = obj.location  # auto-keying keys what people move by hand alone
         for curve in curves_of(obj):
             if curve.data_path == "location":
-                add_to_keys(curve, float(apart[curve.array_index]))
+                change_keys(curve, VALUES, partial(np.add, apart[curve.array_index]))
         return
     keys = keys_of(obj)
     assert keys is not None  # it has keys of its rotation
@@ -81,25 +82,11 @@ def move_along(obj: bpy.types.Object, poses: FloatArray, clock: Clock) -> None:
     write_keys(ride(obj), clock.frames, poses[:, :3, 3], quaternion_from_matrix(poses[:, :3, :3]))
 
 
-def retimed(obj: bpy.types.Object, at: Callable[[FloatArray], FloatArray], path: str = "") -> None:
-    """Move the keys of an object, and of its presence unless ``path`` names one property, to ``at`` their
-    frames, which rises."""
+def retimed(obj: bpy.types.Object, at: Callable[[FloatArray], FloatArray]) -> None:
+    """Move the keys of an object, and of its presence, to ``at`` their frames, which rises."""
     above = own_trajectory(obj)
     for curve in (*curves_of(obj), *(curves_of(above) if above is not None else ())):
-        if path and curve.data_path != path:
-            continue
-        _moved(curve, at)
-
-
-def _moved(curve: bpy.types.FCurve, at: Callable[[FloatArray], FloatArray]) -> None:
-    """Move a curve's keys, with their handles, to ``at`` their frames."""
-    points = curve.keyframe_points
-    values = np.empty(2 * len(points), np.float32)
-    for part in ("co", "handle_left", "handle_right"):
-        points.foreach_get(part, values)
-        values[::2] = at(values[::2].astype(float))
-        points.foreach_set(part, values)
-    curve.update()
+        change_keys(curve, FRAMES, at)
 
 
 def respeeded(
@@ -111,11 +98,13 @@ def respeeded(
     if keys is None:
         return None
     change = change_of(TrajectoryKeys(*keys))
-    retimed(obj, lambda frames: clock.frame(change.later(clock.time_s(frames))), "hide_viewport")
-    if above is not obj:  # what displaces it from its trajectory goes along
-        for curve in curves_of(obj):
-            if curve.data_path != "hide_viewport":
-                _moved(curve, lambda frames: clock.frame(change.later(clock.time_s(frames))))
+
+    def later(frames: FloatArray) -> FloatArray:
+        return clock.frame(change.later(clock.time_s(frames)))
+
+    for curve in curves_of(obj):
+        if above is not obj or curve.data_path == "hide_viewport":  # what displaces it from its trajectory goes along
+            change_keys(curve, FRAMES, later)
     write_keys(above, *changed_keys(TrajectoryKeys(*keys), change, clock))
     return change
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 import bpy
 import numpy as np
-from mathutils import Matrix
 
 from ...core.geometry import FloatArray
 from ...core.scenario import plain
@@ -15,7 +14,7 @@ from ...core.scenario.edits.row import Row, clear, standing
 from ...core.world.drive import Drive
 from ...editing.readers.actors import row_of
 from ...editing.sampled.scene import rigid
-from ..objects.imported import collection_of, copy_of, imported_objects, new_actor
+from ..objects.imported import add_actor, copy_of, imported_objects, stand_at
 from ..objects.meshes import size_of
 from ..objects.trajectories import free, remove, settle_on
 
@@ -45,8 +44,7 @@ def arranged(scene: bpy.types.Scene, row: Row, drive: Drive, others: Boxes) -> l
         name = f"{row.id} {number}"
         obj = before.pop(name, None)
         if obj is None:
-            obj = new_actor(name, actor)
-            collection_of(scene, "ACTOR").objects.link(obj)
+            obj = add_actor(scene, name, actor)
         put(obj, pose)
         obj.unisim.row = row_text(row)
         placed.append(obj)
@@ -73,4 +71,4 @@ def put(obj: bpy.types.Object, pose: FloatArray) -> None:
     free(obj)
     settle_on(obj)
     obj.rotation_mode = "QUATERNION"
-    obj.location, obj.rotation_quaternion, _ = Matrix(pose.tolist()).decompose()
+    stand_at(obj, pose)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import TypeAlias
 
 import bpy
@@ -126,14 +126,18 @@ def write_keys(obj: bpy.types.Object, frames: FloatArray, positions: FloatArray,
     add_keys(curves, "rotation_quaternion", frames, continuous(quaternions), LINEAR)
 
 
-def add_to_keys(curve: bpy.types.FCurve, amount: float) -> None:
-    """Add an amount to the values of a curve's keys and to their handles, so that its shape stays."""
+FRAMES, VALUES = 0, 1
+"""Of keys, which `change_keys` changes."""
+
+
+def change_keys(curve: bpy.types.FCurve, column: int, change: Callable[[FloatArray], FloatArray]) -> None:
+    """Change the frames or the values of a curve's keys, and their handles alike, so that its shape stays."""
     points = curve.keyframe_points
-    values = np.empty(2 * len(points), np.float32)
+    numbers = np.empty(2 * len(points), np.float32)
     for part in ("co", "handle_left", "handle_right"):
-        points.foreach_get(part, values)
-        values[1::2] += amount
-        points.foreach_set(part, values)
+        points.foreach_get(part, numbers)
+        numbers[column::2] = change(numbers[column::2].astype(float))
+        points.foreach_set(part, numbers)
     curve.update()
 
 

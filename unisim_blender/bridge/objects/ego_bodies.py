@@ -7,10 +7,9 @@ from collections.abc import Iterable
 
 import bpy
 import numpy as np
-from mathutils import Matrix
 
 from ...core.geometry import FloatArray
-from .imported import collection_of, imported_objects, sees_body
+from .imported import collection_of, imported_objects, sees_body, stand_at
 from .meshes import make_actor, size_of
 
 REAR_OVERHANG_M = 1.0
@@ -57,7 +56,7 @@ def mount_body(body: bpy.types.Object, ego: bpy.types.Object, mount: FloatArray,
     body.parent = ego
     body.matrix_parent_inverse.identity()
     body.rotation_mode = "QUATERNION"
-    body.location, body.rotation_quaternion, _ = Matrix(mount.tolist()).decompose()
+    stand_at(body, mount)
 
 
 def release_body(body: bpy.types.Object) -> None:

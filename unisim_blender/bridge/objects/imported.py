@@ -176,6 +176,21 @@ def new_actor(name: str, actor: Actor) -> bpy.types.Object:
     return obj
 
 
+def add_actor(
+    scene: bpy.types.Scene, name: str, actor: Actor, look: str = "", look_scene: str = ""
+) -> bpy.types.Object:
+    """Return the same, in a scene, with the appearance of the actor ``look`` of the trained scene in a folder."""
+    obj = new_actor(name, actor)
+    collection_of(scene, "ACTOR").objects.link(obj)
+    obj.unisim.look, obj.unisim.look_scene = look, look_scene
+    return obj
+
+
+def stand_at(obj: bpy.types.Object, pose: FloatArray) -> None:
+    """Put an object at a pose (4, 4) in its parent's axes."""
+    obj.location, obj.rotation_quaternion, _ = Matrix(np.asarray(pose, float).tolist()).decompose()
+
+
 def box_mesh(size_m: FloatArray, label: str) -> bpy.types.Mesh:
     """A box of that size (3,) about the origin, with an arrow on its roof that points forward; one mesh for all
     alike."""
@@ -255,7 +270,7 @@ def mark_static(scene: bpy.types.Scene, pose: FloatArray, size_m: FloatArray, ui
     obj = make(scene, "STATIC", uid, uid, box_mesh(size_m, STATIC_LABEL))
     obj.rotation_mode = "QUATERNION"
     obj.show_wire = True
-    obj.location, obj.rotation_quaternion, _ = Matrix(pose.tolist()).decompose()
+    stand_at(obj, pose)
     obj.unisim.model = json.dumps({"world_from_box": pose.tolist(), "size_m": np.asarray(size_m, float).tolist()})
     item = scene.unisim.static_items.add()
     item.name, item.model = uid, obj.unisim.model

@@ -11,11 +11,11 @@ from collections.abc import Iterable
 
 import bpy
 import numpy as np
-from mathutils import Euler, Matrix
+from mathutils import Euler
 
 from ...core.geometry import FloatArray, make_pose
 from .animation import curves_of, keyed_values, keys_of, move_curves, remove_curves, write_keys
-from .imported import collection_of
+from .imported import collection_of, stand_at
 
 TRAJECTORY_KIND = "TRAJECTORY"
 DISPLACEMENT_PATHS = ("location", "rotation_quaternion", "rotation_euler")
@@ -92,7 +92,7 @@ def settle_on(obj: bpy.types.Object) -> None:
 
 def set_on_trajectory(obj: bpy.types.Object, pose: FloatArray) -> None:
     """Put ``obj`` at a pose (4, 4) in the axes of its trajectory; that counts as undisplaced."""
-    obj.location, obj.rotation_quaternion, _ = Matrix(pose.tolist()).decompose()
+    stand_at(obj, pose)
     obj.unisim.rest_location, obj.unisim.rest_rotation = obj.location, obj.rotation_quaternion
 
 

@@ -51,7 +51,7 @@ def _options(options: RenderOptions) -> list[str]:
         ("width", options.width),
         ("quality", options.quality),
         ("renderer", options.renderer),
-        ("scene", options.scene and _whole(options.scene)),
+        ("scene", options.scene and whole_place(options.scene)),
         ("device", options.device if options.device != "cpu" else None),
     ):
         if value:
@@ -59,7 +59,7 @@ def _options(options: RenderOptions) -> list[str]:
     return words
 
 
-def _whole(place: Path | str) -> str:
+def whole_place(place: Path | str) -> str:
     """Return a path that holds in every folder; a URL as it is."""
     return str(place) if "://" in str(place) else str(Path(place).absolute())
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -230,7 +230,7 @@ def plan_batch(
             if new or labels is not None:
                 work.append(MomentWork(moment, new, labels))
         variants.append(Variant(job, about, moments_captures, plan, wanted, inputs))
-        for some in _chunks(work, moments):
+        for some in (tuple(work[first : first + moments]) for first in range(0, len(work), moments)):
             units.append(CaptureUnit(f"{len(units):06d}", job.name, scene, options, plan, some, inputs))
         on_job(job)
     return BatchPlan(tuple(variants), tuple(units), asked, rendered, options)
@@ -263,11 +263,6 @@ def _labels(plan: RenderPlan, moment: Moment) -> str | None:
     if "labels" not in plan.settings.formats:
         return None
     return labels_digest(plan.drive, moment)
-
-
-def _chunks(work: Sequence[MomentWork], count: int) -> Iterator[tuple[MomentWork, ...]]:
-    for first in range(0, len(work), count):
-        yield tuple(work[first : first + count])
 
 
 def _products(unit: Unit) -> list[str] | str:

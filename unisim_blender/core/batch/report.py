@@ -251,7 +251,8 @@ def _summary(counts: Mapping[str, int], rows: Sequence[VariantRow]) -> str:
 def _failures(failures: Sequence[Mapping[str, Any]]) -> Iterable[str]:
     if not failures:
         return
-    yield f'<h2>Failed units</h2><table id="failures"><thead><tr>{_heads(("unit", "variant", "why", "repeat it"))}'
+    heads = "".join(f"<th>{title}</th>" for title in ("unit", "variant", "why", "repeat it"))
+    yield f'<h2>Failed units</h2><table id="failures"><thead><tr>{heads}'
     yield "</tr></thead><tbody>"
     for failure in failures:
         unit, variant, reason, command = (
@@ -301,10 +302,6 @@ def _command(row: VariantRow, place: str) -> str:
     command, scenario, *options = row.repeat
     line = shlex.join(["unisim", command, place + scenario, *options, "--out", f"repeat-{row.name}"])
     return f"<details><summary>repeat it</summary><code>{escape(line)}</code></details>"
-
-
-def _heads(titles: Iterable[str]) -> str:
-    return "".join(f"<th>{escape(title)}</th>" for title in titles)
 
 
 def _head(title: str, kind: str, role: str = "") -> str:

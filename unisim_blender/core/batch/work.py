@@ -27,7 +27,7 @@ from ..sequence.manifest import LABELS, make_manifest, write_drive
 from ..sequence.plan import RenderPlan
 from ..sequence.records import STATE_FOLDER, CaptureRecord, read_records, write_record
 from ..sequence.run import TIMINGS_NAME, RenderCapture, Work, capture_renderer, render_moment
-from ..world.captures import Capture, Moment
+from ..world.captures import Capture
 from .plan import PLAN_NAME, CaptureUnit, FormatsUnit, MomentWork, RolloutUnit, Unit, scene_key
 from .records import (
     CAPTURES,
@@ -114,7 +114,7 @@ class Worker:
             plan = replace(plan, settings=replace(plan.settings, formats=formats))
         render_moment(plan, render, folder, Work(item.moment, item.captures, {}))
         entries = {}
-        for name, record in _records_of(folder, item.moment).items():
+        for name, record in read_records(folder).get(item.moment.key, {}).items():
             identity = item.labels if name == LABELS else record.identity
             assert identity is not None
             files: Files = {}
@@ -169,10 +169,6 @@ class Worker:
 
 def _nothing(capture: Capture) -> NoReturn:
     raise AssertionError(f"{capture}: there is nothing to render")
-
-
-def _records_of(folder: Path, moment: Moment) -> dict[str, CaptureRecord]:
-    return read_records(folder).get(moment.key, {})
 
 
 def records_of(unit: Unit) -> str:

@@ -190,12 +190,11 @@ def doubts(log: Log, cameras: Collection[str] | None = None, lidars: Collection[
         if cameras is None or name in cameras:
             sentences += _image_doubts(log, name, camera)
     for name, lidar in drive.lidars.items():
-        sentences += _mount_doubts(f"{log.path}: {name}", lidar, lidar.world_from_lidar, drive)
-        sentences += _angle(
-            LIDAR_TILT, f"{log.path}: {name}", lidar.world_from_lidar, drive, np.array([0.0, 0, 1]), True
-        )
+        where = f"{log.path}: {name}"
+        sentences += _mount_doubts(where, lidar, drive)
+        sentences += _angle(LIDAR_TILT, where, lidar.trajectory, drive, np.array([0.0, 0, 1]), True)
         if lidar.model.beams and lidar.model.sweep_s:
-            sentences += TURN.doubt(f"{log.path}: {name}", lidar.model.sweep_s)
+            sentences += TURN.doubt(where, lidar.model.sweep_s)
         if lidars is None or name in lidars:
             sentences += _sweep_doubts(log, name, lidar)
     return list(dict.fromkeys([*sentences, *extras_of(log).notes.values()]))
@@ -236,17 +235,17 @@ def _angle(
     yield from limits.doubt(where, float(np.degrees(np.arccos(np.clip(abs(up) if either else up, -1, 1)))))
 
 
-def _mount_doubts(where: str, sensor: Camera | Lidar, track: Trajectory, drive: Drive) -> Iterator[str]:
+def _mount_doubts(where: str, sensor: Camera | Lidar, drive: Drive) -> Iterator[str]:
     """Yield doubts about a sensor that rides on the vehicle; one beside the road has none."""
     times = _times(drive)[[0, -1]]
-    poses = invert_pose(drive.world_from_ego.at(times)) @ track.at(times)
+    poses = invert_pose(drive.world_from_ego.at(times)) @ sensor.trajectory.at(times)
     if not sensor.sees_ego_body and np.linalg.norm(poses[0, :3, 3] - poses[1, :3, 3]) < 1.0:
         yield from MOUNT.doubt(where, float(np.linalg.norm(poses[0, :3, 3])))
 
 
 def _camera_doubts(where: str, camera: Camera, drive: Drive) -> Iterator[str]:
     model = camera.model
-    yield from _mount_doubts(where, camera, camera.world_from_camera, drive)
+    yield from _mount_doubts(where, camera, drive)
     yield from _angle(CAMERA_TILT, where, camera.world_from_camera, drive, np.array([0.0, -1, 0]))
     first, last = drive.time_s[drive.frames[0]], drive.time_s[drive.frames[-1]]
     captured = np.array(list(camera.time_s.values()))

@@ -21,6 +21,7 @@ Pixels = NDArray[np.uint8]
 BACKGROUND = 24
 LABEL_HEIGHT = 18
 GAP = 4
+METRES_PER_PIXEL = 0.2
 
 
 def turbo(values: NDArray[Any]) -> Pixels:
@@ -60,7 +61,7 @@ def difference_image(a: NDArray[np.float32], b: NDArray[np.float32]) -> Pixels:
 
 
 def sweep_image(
-    points: FloatArray, intensity: NDArray[Any], width: int, height: int, metres_per_pixel: float = 0.2
+    points: FloatArray, intensity: NDArray[Any], width: int, height: int, metres_per_pixel: float = METRES_PER_PIXEL
 ) -> Pixels:
     """Points (N, 3) from above, x up and y left, the origin in the middle; brightness by intensity
     (N,), hue by height."""
@@ -119,6 +120,14 @@ def sheet(rows: Sequence[Sequence[CaptionedImage]]) -> Pixels:
 SWEEP_METRES_PER_PIXEL = 0.17
 
 
+@dataclass(frozen=True)
+class ReturnCloud:
+    """Returned points (N, 3), world frame, and their intensity (N,)."""
+
+    points: FloatArray
+    intensity: NDArray[np.float32]
+
+
 class CameraRow(NamedTuple):
     """One frame's images, side by side."""
 
@@ -150,12 +159,15 @@ def camera_row(
 
 
 def sweep_tile(
-    label: str, points: FloatArray, intensity: NDArray[np.float32], world_from_ego: FloatArray, size: tuple[int, int]
+    label: str,
+    cloud: ReturnCloud,
+    world_from_ego: FloatArray,
+    size: tuple[int, int],
+    metres_per_pixel: float = SWEEP_METRES_PER_PIXEL,
 ) -> CaptionedImage:
-    """A sweep's points (N, 3), world frame, from above, the vehicle in the middle and heading up; size
-    is width, height."""
-    local = transform_points(invert_pose(world_from_ego), points)
-    return CaptionedImage(label, sweep_image(local, intensity, *size, SWEEP_METRES_PER_PIXEL))
+    """A sweep's returns from above, the vehicle in the middle and heading up; size is width, height."""
+    local = transform_points(invert_pose(world_from_ego), cloud.points)
+    return CaptionedImage(label, sweep_image(local, cloud.intensity, *size, metres_per_pixel))
 
 
 def write_contact_sheet(path: Path, rows: Sequence[Sequence[CaptionedImage]]) -> None:

@@ -19,7 +19,7 @@ from ..data.images import resize_image, shown_pixels
 from ..data.log import Log, SweepRays
 from ..data.own_vehicle import Outline, shows_scene
 from ..data.sweep_cells import known_rays
-from ..geometry import BoolArray, FloatArray, intersect_boxes, invert_pose, transform_points
+from ..geometry import BoolArray, FloatArray, intersect_boxes, invert_pose
 from ..render.captures import render_image, states_of
 from ..render.renderer import Renderer
 from ..sensors.camera import camera_rays, pixel_grid
@@ -29,7 +29,7 @@ from ..sensors.unprojection import image_mask
 from ..world.captures import Capture
 from ..world.drive import Actor, Camera, CameraModel, Drive, LidarModel
 from ..world.own_rates import captures_of
-from .images import CaptionedImage, depth_image, difference_image, outline, sweep_image
+from .images import METRES_PER_PIXEL, CaptionedImage, ReturnCloud, depth_image, difference_image, outline, sweep_tile
 from .lidar_metrics import lidar_metrics
 from .metrics import ImageArray, chamfer, mean_of, mean_squared_error, psnr, psnr_from_error, ssim
 
@@ -256,14 +256,6 @@ def _camera_frame(
     return metrics, tiles
 
 
-@dataclass(frozen=True)
-class ReturnCloud:
-    """Returned points (N, 3), world frame, and their intensity (N,)."""
-
-    points: FloatArray
-    intensity: NDArray[np.float32]
-
-
 def compare_rays(
     renderer: RayRenderer, rays: SweepRays, model: LidarModel
 ) -> tuple[dict[str, Any], ReturnCloud, ReturnCloud]:
@@ -284,19 +276,10 @@ def _lidar_frame(renderer: RayRenderer, log: Log, name: str, frame: int) -> tupl
     lidar, rays = log.drive.lidars[name], known_rays(log, name, frame)
     metrics, rendered, recorded = compare_rays(renderer, rays, lidar.model)
     metrics["rays"] = len(rays.returned)
-    ego_from_world = invert_pose(log.drive.world_from_ego.at(lidar.time_s[frame]))
-    size = 640, 480
-    tiles = [
-        CaptionedImage(
-            f"{name} {frame}: recorded, from above",
-            sweep_image(transform_points(ego_from_world, recorded.points), recorded.intensity, *size),
-        ),
-        CaptionedImage(
-            f"rendered, median {metrics['depth_median_m'] * 100:.1f} cm",
-            sweep_image(transform_points(ego_from_world, rendered.points), rendered.intensity, *size),
-        ),
-    ]
-    return metrics, tiles
+    ego, median = log.drive.world_from_ego.at(lidar.time_s[frame]), metrics["depth_median_m"]
+    labels = f"{name} {frame}: recorded, from above", f"rendered, median {median * 100:.1f} cm"
+    clouds = zip(labels, (recorded, rendered), strict=True)
+    return metrics, [sweep_tile(label, cloud, ego, (640, 480), METRES_PER_PIXEL) for label, cloud in clouds]
 
 
 MASKS = ("actors", "moving_actors", "outside_actors")

@@ -16,8 +16,9 @@ import numpy as np
 from ..data.log import SweepRays
 from ..geometry import BoolArray
 from ..sensors.frames import LidarFrame
+from .images import ReturnCloud
 from .metrics import ImageArray, mean_of
-from .recorded import RayRenderer, ReturnCloud, camera_metrics, compare_rays, finite, image_metrics
+from .recorded import RayRenderer, camera_metrics, compare_rays, finite, image_metrics
 
 REGIONS = (
     "edited",

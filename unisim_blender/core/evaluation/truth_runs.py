@@ -165,8 +165,8 @@ def _compare_lidar(run: ScenarioRun, name: str, frame: int) -> tuple[dict[str, A
         ego = drive.world_from_ego.at(drive.time_s[frame])
         size = (run.width or next((c.model.width for c in drive.cameras.values()), 480), 360)
         labels = (f"{name} {frame}: recorded", "replay") if version == "replay" else ("truth of the edit", "edited")
-        tiles[f"{version} truth"] = sweep_tile(labels[0], true.points, true.intensity, ego, size)
-        tiles[version] = sweep_tile(labels[1], rendered.points, rendered.intensity, ego, size)
+        tiles[f"{version} truth"] = sweep_tile(labels[0], true, ego, size)
+        tiles[version] = sweep_tile(labels[1], rendered, ego, size)
     return metrics, [tiles[key] for key in ("replay truth", "replay", "edit", "edit truth") if key in tiles]
 
 

@@ -49,13 +49,11 @@ LOW_M, HIGH_M = -0.2, 3.0
 """Heights above the ground between which returns change their colour."""
 HEIGHT_COLOURS = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]], float)
 """From low to high: viridis (van der Walt and Smith, 2015) at even steps."""
-BACKGROUND, RECORDED, BOX, EGO_BOX, PLANNED = (
-    (16, 16, 20),
-    (96, 96, 104),
-    (230, 230, 230),
-    (255, 140, 40),
-    (80, 230, 120),
-)
+BACKGROUND = (16, 16, 20)
+RECORDED = (96, 96, 104)
+BOX = (230, 230, 230)
+EGO_BOX = (255, 140, 40)
+PLANNED = (80, 230, 120)
 
 
 @dataclass(frozen=True)

@@ -28,16 +28,12 @@ def write_coco(run: Run, path: Path) -> None:
     labels = sorted({actor.label for actor in run.drive.actors.values()})
     categories = {label: number for number, label in enumerate(labels, 1)}
     with partial_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
-        file.write('{\n"info": ' + json.dumps({"description": run.drive.name, **_times(run)}))
+        file.write('{\n"info": ' + json.dumps({"description": run.drive.name, "shift_s": run.shift_ns / SECOND_NS}))
         _write_list(file, "licenses", iter(()))
         _write_list(file, "categories", ({"id": number, "name": name} for name, number in categories.items()))
         _write_list(file, "images", _images(run))
         _write_list(file, "annotations", _annotations(run, categories))
         file.write("\n}\n")
-
-
-def _times(run: Run) -> dict[str, float]:
-    return {"shift_s": run.shift_ns / SECOND_NS}
 
 
 def _write_list(file: IO[str], name: str, members: Iterator[dict[str, Any]]) -> None:

@@ -143,11 +143,9 @@ class PlaneDistortion:
             to_x, to_y, _ = self._step(x, y, u, v, damping)
             there = self._miss(to_x, to_y, u, v)
             better = there < best
-            best_x, best_y, best = (
-                np.where(better, to_x, best_x),
-                np.where(better, to_y, best_y),
-                np.where(better, there, best),
-            )
+            best_x = np.where(better, to_x, best_x)
+            best_y = np.where(better, to_y, best_y)
+            best = np.where(better, there, best)
             damping /= 2
         return best_x, best_y
 

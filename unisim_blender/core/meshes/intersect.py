@@ -148,11 +148,9 @@ def first_hits_reference(
     """`Triangles.first_hits` in numpy, every ray against every triangle (Moeller and Trumbore, 1997)."""
     corners = mesh.vertices.astype(np.float64)[mesh.faces]
     a, ab, ac = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    t, face, uv = (
-        np.full(len(origins), np.inf),
-        np.full(len(origins), -1, np.int32),
-        np.zeros((len(origins), 2), np.float32),
-    )
+    t = np.full(len(origins), np.inf)
+    face = np.full(len(origins), -1, np.int32)
+    uv = np.zeros((len(origins), 2), np.float32)
     if len(a) == 0:
         return FirstHits(t, face, uv)
     step = max(1, PAIRS // len(a))

@@ -104,10 +104,8 @@ def load_scene(path: str | Path, device: str = "cpu", header: SceneHeader | None
     weights = read_weights(file)
     cameras = tuple(str(name) for name in header.training.get("cameras", ()))
     actors = tuple(sorted(header.drive.actors))
-    shapes, voxels = (
-        stored_arrays(config, volume.size_m, len(actors), len(cameras)),
-        stored_voxels(config, volume.size_m),
-    )
+    shapes = stored_arrays(config, volume.size_m, len(actors), len(cameras))
+    voxels = stored_voxels(config, volume.size_m)
     weights.check_shapes(shapes)
     model = SceneModel(config, volume, actors, cameras)
     model.actors.drop_own()

@@ -36,7 +36,7 @@ class VolumeFrame(torch.nn.Module):
 
     def __init__(self, volume: Volume) -> None:
         super().__init__()
-        self.corner = volume.corner
+        self.corner, self.diagonal_m = volume.corner, float(np.linalg.norm(volume.size_m))
         rotation = np.ascontiguousarray(volume.world_from_volume[:3, :3].T)
         self.register_buffer("rotation", torch.as_tensor(rotation).float(), persistent=False)
         self.register_buffer("size_m", torch.as_tensor(volume.size_m).float(), persistent=False)

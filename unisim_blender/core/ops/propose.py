@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,7 +54,7 @@ def propose_reference(voxels: Voxels, spans: RaySpans, u: Tensor) -> tuple[Tenso
     step = voxels.voxel_m / 2
     span = spans.t_far - spans.t_near
     if spans.longest_m is not None:
-        steps = int(np.ceil(spans.longest_m / step)) + 1
+        steps = math.ceil(spans.longest_m / step) + 1
     else:
         steps = int(torch.ceil(span / step).max().clamp_min(1)) if len(span) else 1
     i = torch.arange(steps, device=span.device)

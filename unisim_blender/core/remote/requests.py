@@ -68,13 +68,10 @@ def tried(request: Callable[[], ResultT], sentence: str, error: type[UnisimError
         except UnisimError:
             raise
         except Exception as fault:  # every file system has errors of its own
-            if _is_final(fault) or attempt == ATTEMPTS:
+            final = isinstance(fault, FINAL) or getattr(fault, "errno", None) in FULL
+            if final or attempt == ATTEMPTS:
                 tries = "" if attempt == 1 else f" in {attempt} attempts"
                 raise error(f"{sentence}{tries}: {in_a_line(fault)}") from fault
         time.sleep(wait_s * random.uniform(0.5, 1.0))
         wait_s = min(2 * wait_s, LONGEST_WAIT_S)
     raise AssertionError("unreachable")
-
-
-def _is_final(fault: Exception) -> bool:
-    return isinstance(fault, FINAL) or getattr(fault, "errno", None) in FULL

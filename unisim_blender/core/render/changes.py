@@ -98,10 +98,8 @@ class SweptBox:
         silhouette = covered(camera.model, local[:1] if (local == local[0]).all() else local, size)
         if silhouette is None:
             return Region(0, 0, 0, 0)
-        low, high = (
-            np.floor(silhouette[:2]) - MESH_MARGIN_PX - margin,
-            np.ceil(silhouette[2:]) + MESH_MARGIN_PX + margin,
-        )
+        low = np.floor(silhouette[:2]) - MESH_MARGIN_PX - margin
+        high = np.ceil(silhouette[2:]) + MESH_MARGIN_PX + margin
         # far outside of an image there are no integers
         low, high = np.clip(low, -1, 1 << 30), np.clip(high, -1, 1 << 30)
         return Region(int(low[0]), int(low[1]), int(high[0]), int(high[1])).within_image(camera.model)

@@ -49,7 +49,7 @@ def fill_passes(
     if "depth" in maps:
         assert along is not None
         out.depth_m = full(maps["depth"], np.float32)
-        out.z_depth_m = (out.depth_m * full(along.reshape(-1), np.float64)).astype(np.float32)
+        out.z_depth_m = (out.depth_m * full(along.reshape(-1), along.dtype.type)).astype(np.float32, copy=False)
     if "normal" in maps:
         out.normal = full(maps["normal"], np.float32)
     if "instance" in maps:
@@ -363,10 +363,8 @@ def _refine(image: SparseImage, blocks: Blocks, size: int, spread: float, trace:
         apart[doubtful] = ~predicted(image, blocks[doubtful], size, spread)
         leaves.append((blocks[~apart], size))
         blocks = blocks[apart]
-        first, steps = (
-            blocks[:, 0] * w + blocks[:, 1],
-            np.array([half, half * w, half * w + half, size * w + half, half * w + size]),
-        )
+        first = blocks[:, 0] * w + blocks[:, 1]
+        steps = np.array([half, half * w, half * w + half, size * w + half, half * w + size])
         wanted = np.zeros(image.known.size, bool)
         for step in steps:
             wanted[first + step] = True

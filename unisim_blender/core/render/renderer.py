@@ -223,11 +223,17 @@ class Renderer:
         """Render a region by tracing all of its cells, and those around it that the decoder reads."""
         up, camera, time_s = exposure.tracer.upsample, exposure.camera, exposure.time_s
         cells = region.cells(up, exposure.tracer.reach, whole)
+        finished = self._on_device(exposure, cells, 1)
         u, v = (x[cells] for x in pixel_grid(camera.model, up))
-        rays = camera_rays(camera, time_s, u, v)
-        image, maps = self._seen(exposure, (u, v), rays, up)
-        axis = camera.world_from_camera.at(time_s)[:3, 2]
-        along = rays.directions @ axis if "depth" in maps else None
+        rays = camera_rays(camera, time_s, u, v) if finished is None or exposure.shadowing else None
+        along: FloatArray | Array | None
+        if finished is not None:
+            image, along, maps = finished.pop("rgb"), finished.pop("along", None), finished
+            image = image.reshape(u.shape[0] * up, u.shape[1] * up, 3)
+        else:
+            assert rays is not None
+            image, maps = self._seen(exposure, (u, v), rays, up)
+            along = rays.directions @ camera.world_from_camera.at(time_s)[:3, 2] if "depth" in maps else None
         return _blanked(self._frame(exposure, image, maps, rays, along, region.within(cells, up)), region)
 
     def _on_lattice(
@@ -260,8 +266,10 @@ class Renderer:
 
         sparse = SparseImage(shape)
         steps: Iterable[tuple[int, slice]]
-        along_all = self._on_device(exposure, (rows, columns), size, sparse) if not in_view else None
-        if sparse.values:
+        along_all = None
+        finished = self._on_device(exposure, (rows, columns), size)
+        if finished is not None:
+            along_all, sparse.values = finished.pop("along", None), finished
             tops = range(0, shape[0], band or shape[0])
             steps = [(1, slice(top, min(top + tops.step, shape[0]))) for top in tops]
         else:
@@ -286,23 +294,23 @@ class Renderer:
             rays = camera_rays(camera, time_s, *np.broadcast_arrays(across, down)) if exposure.shadowing else None
             along: FloatArray | Array | None = None
             if "depth" in maps:
-                along = along_axis(camera, time_s, across, down) if along_all is None else along_all[inner]
+                along = (
+                    along_axis(camera, time_s, across, down) if along_all is None else along_all.reshape(shape)[inner]
+                )
             del maps["rgb"]
             frame = self._frame(exposure, values["rgb"][inner], maps, rays, along, (slice(None), slice(None)))
             yield Tile(_blanked(frame, part), part)
 
-    def _on_device(
-        self, exposure: _Exposure, cells: tuple[slice, slice], size: int, sparse: SparseImage
-    ) -> Array | None:
-        """Set all values of an image where the tracer's device can finish it, and return the component (h, w) of its rays
-        along the optical axis, None where depths are not wanted."""
-        lattice_image = getattr(exposure.tracer, "lattice_image", None)  # GPUs have it
-        if lattice_image is None or exposure.displaced:
+    def _on_device(self, exposure: _Exposure, cells: tuple[slice, slice], size: int) -> Maps | None:
+        """Return what `lattice_image` of a tracer on a GPU does; None where the host has to finish an image."""
+        lattice_image = getattr(exposure.tracer, "lattice_image", None)
+        seen = exposure.tracer.active.mesh_actors.seen_by(exposure.camera).actors
+        if lattice_image is None or exposure.displaced or seen:
             return None
-        values = lattice_image(exposure.camera, exposure.time_s, cells, size, exposure.needed, exposure.stats)
-        along = None if values is None else values.pop("along", None)
-        sparse.values = values or {}
-        return None if along is None else along.reshape(sparse.shape)
+        values: Maps | None = lattice_image(
+            exposure.camera, exposure.time_s, cells, size, exposure.needed, exposure.stats
+        )
+        return values
 
     def _seen(
         self, exposure: _Exposure, cells: tuple[FloatArray, FloatArray], rays: Rays, up: int

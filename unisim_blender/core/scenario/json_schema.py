@@ -29,7 +29,7 @@ class SchemaOf:
 
 Positive = Annotated[float, SchemaOf(POSITIVE)]
 NotNegative = Annotated[float, SchemaOf(NOT_NEGATIVE)]
-Pixels = Annotated[int, SchemaOf({"type": "integer", "minimum": 1, "maximum": 32768})]
+PixelCount = Annotated[int, SchemaOf({"type": "integer", "minimum": 1, "maximum": 32768})]
 FilePath = Annotated[str, SchemaOf(PATH)]
 
 

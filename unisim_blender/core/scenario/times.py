@@ -169,7 +169,7 @@ def carried_outside(drive: Drive, scenario: Scenario, times_us: Iterable[int]) -
         min(min(times) / US_PER_SECOND - SENSOR_REACH_S, first_s),
         max(max(times) / US_PER_SECOND + SENSOR_REACH_S, last_s),
     )
-    own_rules, ends = _own_rules(scenario), _stated_ends(scenario)
+    own_rules, ends = _own_rules(scenario)
     rule, ego_rule = actors_outside(scenario), ego_outside(scenario)
 
     def carried(actor: Actor) -> Actor:
@@ -197,25 +197,19 @@ def carried_outside(drive: Drive, scenario: Scenario, times_us: Iterable[int]) -
     return with_riders(drive, ego, lambda riders: [_holding(rider, first_s, last_s) for rider in riders])
 
 
-def _own_rules(scenario: Scenario) -> dict[str, str | None]:
-    """Return what the last edit of where an actor is says of it outside its keys, by the actors' ids."""
+def _own_rules(scenario: Scenario) -> tuple[dict[str, str | None], set[str]]:
+    """Return what the last edit of where an actor is says of it outside its keys, by the actors' ids; and the ids of those of
+    which it says that and until when they are there."""
     rules: dict[str, str | None] = {}
-    for edit in scenario.edits:
-        uid = getattr(edit, "id", None) or getattr(edit, "actor", None)
-        if uid is not None and hasattr(edit, "outside"):
-            rules[uid] = edit.outside
-    return rules
-
-
-def _stated_ends(scenario: Scenario) -> set[str]:
-    """Return the ids of the actors whose last edit says until when they are there, and what they do outside the
-    recording."""
-    stated: dict[str, bool] = {}
+    ends: set[str] = set()
     for edit in scenario.edits:
         uid, present = getattr(edit, "id", None) or getattr(edit, "actor", None), getattr(edit, "present", None)
         if uid is not None and hasattr(edit, "outside"):
-            stated[uid] = edit.outside is not None and present is not None and present.end_s is not None
-    return {uid for uid, is_stated in stated.items() if is_stated}
+            rules[uid] = edit.outside
+            ends.discard(uid)
+            if edit.outside is not None and present is not None and present.end_s is not None:
+                ends.add(uid)
+    return rules, ends
 
 
 def _holding(trajectory: Trajectory, first_s: float, last_s: float) -> Trajectory:

@@ -14,7 +14,7 @@ from ..remote.copies import local_path
 from ..remote.requests import is_url
 from ..sensors.frames import CAMERA_PASSES
 from .edit import Edit
-from .json_schema import FRAME, PATH, TEXT, FilePath, Pixels, Schema, SchemaOf, object_of, ref
+from .json_schema import FRAME, PATH, TEXT, FilePath, PixelCount, Schema, SchemaOf, object_of, ref
 from .motion.placement import BoxSpec
 from .sensors.document import Sensors
 from .simulation import SimulationSpec
@@ -77,7 +77,7 @@ class Outputs:
 
     passes: Annotated[tuple[str, ...], SchemaOf({**_names(CAMERA_PASSES), "minItems": 1})] | None = None
     formats: Annotated[tuple[str, ...], SchemaOf(_names([*FRAME_FORMATS, *SEQUENCE_FORMATS]))] | None = None
-    width: Pixels | None = None
+    width: PixelCount | None = None
     quality: Annotated[str, SchemaOf({"enum": ["fast", "balanced", "fine", "reference"]})] | None = None
     contact_shadows: bool | None = None
 

@@ -31,12 +31,19 @@ def make_manifest(plan: RenderPlan, out: Path, last_run: dict[str, Any]) -> dict
     records = read_records(out)
     moments = {name_of(key): captures for key, captures in records.items()}
     every = [record for captures in moments.values() for record in captures.values()]
+    others = sorted(digest for name, digest in plan.scenes.items() if name)
     return {
         "format": FORMAT,
         "version": MANIFEST_VERSION,
         "code": code_identity(),
         "environment": plan.environment,
-        "inputs": {**plan.about, "scenes": {"own": plan.scenes.get(""), "others": _other_scenes(plan)}},
+        "inputs": {
+            **plan.about,
+            "scenes": {
+                "own": plan.scenes.get(""),
+                "others": others,
+            },
+        },
         "settings": asdict(plan.settings),
         "samples": {name: sum(record.samples.get(name, 0) for record in every) for name in COUNTS},
         **_bounded(plan, moments),
@@ -110,7 +117,3 @@ def _bounded(plan: RenderPlan, moments: dict[str, Captures]) -> dict[str, Any]:
             "frames": of_moments,
         }
     }
-
-
-def _other_scenes(plan: RenderPlan) -> list[str]:
-    return sorted(digest for name, digest in plan.scenes.items() if name)

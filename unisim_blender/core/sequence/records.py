@@ -90,12 +90,10 @@ def _key(path: Path) -> CaptureKey | None:
 
 def _record(values: dict[str, Any]) -> CaptureRecord:
     """Return a capture's record. Raises ValueError, KeyError or TypeError for values that a sequence never writes."""
-    files, sees, samples, error = (
-        dict(values["files"]),
-        tuple(values["sees"]),
-        dict(values["samples"]),
-        values["max_error"],
-    )
+    files = dict(values["files"])
+    sees = tuple(values["sees"])
+    samples = dict(values["samples"])
+    error = values["max_error"]
     if not all(_is_inside(name) and isinstance(digest, str) for name, digest in files.items()):
         raise ValueError("names a file elsewhere")
     if not all(isinstance(uid, str) for uid in sees) or {type(count) for count in samples.values()} - {int}:

@@ -31,7 +31,7 @@ from ..render.captures import render_capture
 from ..render.renderer import Renderer
 from ..render.reuse import FrameReuse
 from ..sensors.error_bound import parse_bounds
-from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
+from ..sensors.frames import CameraFrame, LidarFrame
 from ..world.captures import Capture, CaptureKey, Moment, in_order, key_of, name_of, time_of_name
 from .manifest import COUNTS, LABELS, make_manifest, write_drive
 from .plan import CaptureIdentities, Identity, RenderPlan
@@ -216,7 +216,8 @@ def render_moment(
         identity, sees = work.wanted[name]
         digests = {path.relative_to(out).as_posix(): sha256_of_file(path) for path in files}
         error = None if shot.error_bound is None else shot.error_bound.to_json()
-        captures[name] = CaptureRecord(identity, digests, sees, _counts(shot.stats), error)
+        counts = {count: getattr(shot.stats, count) for count in COUNTS}
+        captures[name] = CaptureRecord(identity, digests, sees, counts, error)
         write_record(out, moment.key, captures, finished=False)
         on_capture(name, shot, captures[name])
         seconds[name] = time.monotonic() - started
@@ -225,10 +226,6 @@ def render_moment(
         captures[LABELS] = labels_record(plan, moment)
     write_record(out, moment.key, captures, finished=True)
     return seconds
-
-
-def _counts(stats: RenderStats) -> dict[str, int]:
-    return {name: getattr(stats, name) for name in COUNTS}
 
 
 def _last_run(

@@ -98,7 +98,7 @@ class BranchGradients:
                 leaf.grad.add_(gradient)
 
 
-_STOPPED_FROM = 0.8
+STOPPED_FROM = 0.8
 """From this progress on surfaces are sharp, and how much of a ray stops in a voxel tells a surface from haze."""
 
 
@@ -202,7 +202,9 @@ class LossBranches:
             dataclasses.replace(b, rays=setup.camera_poses(b.rays, b.camera, b.world_from_camera, learn))
             for b in batches
         ]
-        return batches, trace(setup.model, start.active, _together([b.rays for b in batches]), self._sampling(start))
+        members = ("origins", "directions", "time_s")
+        rays = RayBatch(*(torch.cat([getattr(batch.rays, name) for batch in batches]) for name in members))
+        return batches, trace(setup.model, start.active, rays, self._sampling(start))
 
     def camera_terms(
         self, start: BranchStart, batches: list[PatchBatch], seen: SegmentTrace, drawn_weight: Tensor | None
@@ -312,11 +314,16 @@ class LossBranches:
             )
         start.gradients.take(loss)
 
+    def patches_apart(self) -> int:
+        """Return the number of patches that are taken apart, a ray here and a ray there: see `TrainConfig.scattered`."""
+        c = self.setup.config
+        alone = self.setup.model.camera_decoder.reach == 0
+        return min(round(c.patches * c.scattered), c.patches - 1) if alone else 0
+
     def draw_pixels(self, rng: np.random.Generator, iteration: int) -> tuple[list[PatchBatch], PixelDraw | None]:
         """Patches, then as many single cells as the patches that were taken apart held, drawn by their errors."""
-        setup = self.setup
+        setup, apart = self.setup, self.patches_apart()
         c, up = setup.config, setup.model.config.upsample
-        apart = min(round(c.patches * c.scattered), c.patches - 1) if setup.model.camera_decoder.reach == 0 else 0
         setup.cameras.advance(iteration)
         batches, draw = [setup.cameras.patches(rng, c.patches - apart, c.patch_cells, up)], None
         if apart:
@@ -363,7 +370,7 @@ class LossBranches:
             camera=camera,
             there=None if segments.there is None else segments.there.repeat_interleave(segments.t.shape[1]),
         )  # fmt: skip
-        if start.done >= _STOPPED_FROM and segments.density == "logistic":
+        if start.done >= STOPPED_FROM and segments.density == "logistic":
             before = only(segments.there, weights.transmittance_before)
             setup.occupancy.note_stopped(segments.points, weights.samples, before)
 
@@ -392,7 +399,3 @@ def _mean(parts: list[Tensor], weight: list[Tensor], shown: list[Tensor | None])
     total = torch.stack([(p * w).sum() for p, w in zip(parts, weight, strict=True)]).sum()
     counts = [p.numel() if s is None else s.sum() * p.shape[1] for p, s in zip(parts, shown, strict=True)]
     return total / sum(counts)
-
-
-def _together(parts: list[RayBatch]) -> RayBatch:
-    return RayBatch(*(torch.cat([getattr(p, name) for p in parts]) for name in ("origins", "directions", "time_s")))

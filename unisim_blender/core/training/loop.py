@@ -19,6 +19,7 @@ from ..progress import Bar
 from .checkpoint import CHECKPOINT, load_checkpoint, save_checkpoint
 from .config import TrainConfig
 from .export import preview, write_scene
+from .on_device import make_trainer
 from .poses import disturbed, with_drive
 from .trainer import Trainer
 
@@ -42,7 +43,7 @@ def train(log: Log, config: TrainConfig, out: Path, resume: bool = False, quiet:
     keep_freed_memory()
     if config.disturb is not None:
         log = with_drive(log, disturbed(log.drive, *config.disturb, config.seed))
-    trainer = Trainer(log, config)
+    trainer = make_trainer(log, config)
     out.mkdir(parents=True, exist_ok=True)
     if resume:
         load_checkpoint(file, trainer)

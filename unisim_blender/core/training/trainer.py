@@ -14,14 +14,15 @@ from .. import native
 from ..data.log import Log
 from ..ops.devices import kernel_threads, torch_threads, zeros_on_demand
 from ..ops.encode import GradientSink
+from ..ops.padding import Padding
 from ..ops.segment_trace import SegmentTrace
 from ..render.tracers.torch.actor_tensors import ActiveActorTensors, ActorSetTensors
 from .branches import BranchGradients, BranchStart, LossBranches, run_branches
 from .config import TrainConfig
 from .setup import TrainingSetup
 
-BETA_MAX = 100.0
-"""Sharper than this, 1 / metres, a surface is far thinner than the finest cell, and no gradient
+BETA_MAX_LOG = math.log(100.0)
+"""Logarithm of the largest sharpness, 1 / metres: a sharper surface is far thinner than the finest cell, and no gradient
 comes from beside it."""
 LAST_RATE = 0.1
 """Factor on the learning rates at the end of training, reached gradually once samples stand still."""
@@ -29,6 +30,10 @@ LAST_RATE = 0.1
 
 class Trainer(TrainingSetup):
     """Trains one scene on one log."""
+
+    padding: Padding | None = None
+    """Lengths that a step's ray segments are padded to, where the host decides nothing; random numbers are then torch's
+    own of the device."""
 
     def __init__(self, log: Log, config: TrainConfig) -> None:
         super().__init__(log, config)
@@ -90,7 +95,7 @@ class Trainer(TrainingSetup):
         # seeded by the iteration: a resumed run draws what an uninterrupted one would
         c, seed = self.config, (self.config.seed * 1_000_003 + self.iteration) * 2 + number
         rng = np.random.default_rng([c.seed, self.iteration, number])
-        generator = torch.Generator(device=c.device).manual_seed(seed)
+        generator = None if self.padding else torch.Generator(device=c.device).manual_seed(seed)
         groups = (*self.optimiser.param_groups, *self.slow.param_groups)
         leaves = [p for group in groups for p in group["params"]] + [deferred["tables"]]
         keys = deferred["positions"], deferred["quaternions"]
@@ -108,6 +113,7 @@ class Trainer(TrainingSetup):
             generator,
             BranchGradients(leaves),
             seen,
+            self.padding,
         )
 
     def _sinks_of(self, tables: Tensor) -> list[tuple[GradientSink, Tensor]]:
@@ -127,7 +133,7 @@ class Trainer(TrainingSetup):
         with torch_threads(None):
             self.optimiser.step()
         with torch.no_grad():
-            self.model.log_beta.clamp_(max=math.log(BETA_MAX))
+            self.model.log_beta.clamp_(max=BETA_MAX_LOG)
         if (self.iteration + 1) % self.config.slow_every == 0:
             with torch_threads(None):
                 self._update_slow()

@@ -89,7 +89,11 @@ class PaddedKeys:
     @staticmethod
     def of(actors: Sequence[Actor]) -> PaddedKeys:
         """Return the keys of actors, one row each."""
-        trajectories = [actor.world_from_actor for actor in actors]
+        return PaddedKeys.of_trajectories([actor.world_from_actor for actor in actors])
+
+    @staticmethod
+    def of_trajectories(trajectories: Sequence[Trajectory]) -> PaddedKeys:
+        """Return the keys of trajectories, one row each."""
         lengths = np.array([len(trajectory.times_s) for trajectory in trajectories], np.int32)
         shape = len(trajectories), int(lengths.max(initial=1))
         times, positions = np.full(shape, np.inf), np.zeros((*shape, 3))
@@ -124,10 +128,8 @@ class PaddedKeys:
         lower = np.clip(before, 0, np.maximum(self.lengths - 2, 0)[:, None])
         upper = np.where(single, 0, lower + 1)
         row = np.arange(len(self.lengths))[:, None]
-        first, span = (
-            self.times_s[row, lower],
-            np.where(single, 1.0, self.times_s[row, upper] - self.times_s[row, lower]),
-        )
+        first = self.times_s[row, lower]
+        span = np.where(single, 1.0, self.times_s[row, upper] - self.times_s[row, lower])
         return row, lower, upper, np.where(single, 0.0, (times_s - first) / span)
 
 

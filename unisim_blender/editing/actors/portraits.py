@@ -76,16 +76,18 @@ class ArrayReader(Protocol):
 
 @dataclass
 class Portrait:
-    """An actor that the worker renders: ``request`` is the job, ``pixels`` (H, W, 3) the image once it has ``ended``
-    well."""
+    """An actor that the worker renders: ``request`` is the job. Once it has ended well, ``rgba`` (H, W, 4) is the image,
+    display-referred sRGB that is opaque where the actor is, and ``pixels`` (H, W, 3) the same on grey; else ``fault``
+    says why not."""
 
     scene_path: Path
     uid: str
     request: Any
     ended: bool = False
+    rgba: NDArray[np.float32] | None = None
     pixels: NDArray[np.uint8] | None = None
-    _rgb: list[NDArray[np.float32]] = field(default_factory=list)
-    _shown: list[NDArray[np.bool_]] = field(default_factory=list)
+    fault: str = ""
+    _blocks: list[NDArray[np.float32]] = field(default_factory=list)
 
     def take(self, worker: ArrayReader) -> None:
         """Take in what has come; returns at once."""
@@ -93,16 +95,15 @@ class Portrait:
             event = self.request.events.get()
             if event["event"] == "arrays":
                 arrays = worker.arrays(event)
-                self._rgb.append(np.clip(arrays["rgb"], 0, 1))
                 number = event["instances"].index(self.uid) + 1 if self.uid in event["instances"] else -1
-                self._shown.append(arrays["instance"] == number)
+                shown = (arrays["instance"] == number)[..., None].astype(np.float32)
+                self._blocks.append(np.concatenate([np.clip(arrays["rgb"], 0, 1), shown], -1))
             elif event["event"] not in ("warning", "progress"):
-                self.ended = True
-                if event["event"] == "done" and self._rgb:
-                    shown = np.concatenate(self._shown)[..., None]
-                    self.pixels = np.asarray(
-                        255 * np.where(shown, np.concatenate(self._rgb), BACKGROUND) + 0.5, np.uint8
-                    )
+                self.ended, self.fault = True, event.get("text", "")
+                if event["event"] == "done" and self._blocks:
+                    self.rgba = np.concatenate(self._blocks)
+                    on_grey = np.where(self.rgba[..., 3:] > 0, self.rgba[..., :3], BACKGROUND)
+                    self.pixels = np.asarray(255 * on_grey + 0.5, np.uint8)
 
 
 def portrait_path(scene_path: Path, uid: str) -> Path:

@@ -16,7 +16,7 @@ from ...core.scenario.motion.keys import Keyframe
 from ...core.scenario.motion.placement import Offset
 from ...core.scenario.sensors.document import CameraSpec, LidarSpec, Sensors
 from ...core.scenario.sensors.select import camera_members, lidar_members
-from ...core.world.drive import Drive
+from ...core.world.drive import Camera, Drive, Lidar
 from ..edits.lines import EditLine, degrees, line_of, moved_words
 from ..edits.reader import GroupReader, ReadContext, register
 from ..edits.trajectories import placement, quaternion, vector
@@ -94,15 +94,12 @@ def sensors_of(sampled: Sampled, drive: Drive) -> Sensors | None:
             "or import the drive again"
         )
     world_from_ego = drive.world_from_ego.at(clock.times_s) if ego is None else ego.poses
+    standing = [obj for obj in sampled.of("CAMERA", "LIDAR") if obj.there.any()]
     cameras = tuple(
-        _sighted(_camera(obj, world_from_ego, drive, clock), obj, sampled)
-        for obj in sampled.of("CAMERA")
-        if obj.there.any()
+        _sighted(_camera(obj, world_from_ego, drive, clock), obj, sampled) for obj in standing if obj.kind == "CAMERA"
     )
     lidars = tuple(
-        _sighted(_lidar(obj, world_from_ego, drive, clock), obj, sampled)
-        for obj in sampled.of("LIDAR")
-        if obj.there.any()
+        _sighted(_lidar(obj, world_from_ego, drive, clock), obj, sampled) for obj in standing if obj.kind == "LIDAR"
     )
     untouched = {CameraSpec(name) for name in drive.cameras}, {LidarSpec(name) for name in drive.lidars}
     if (set(cameras), set(lidars)) == untouched:
@@ -121,34 +118,30 @@ def _sighted(spec: Spec, obj: SampledObject, sampled: Sampled) -> Spec:
 def _camera(obj: SampledObject, world_from_ego: FloatArray, drive: Drive, clock: Clock) -> CameraSpec:
     base = drive.cameras.get(obj.uid)
     assert obj.camera is not None  # an object of kind CAMERA has a camera
-    late = lag(base, drive, clock)
-    now = late @ invert_pose(world_from_ego) @ optical(obj.poses)
-    name = sensor_id(obj, drive)
-    if base is None:
-        spec = CameraSpec(name, **camera_members(obj.camera), **_mount(now, optical(obj.poses), clock))
-    else:
-        spec = CameraSpec(name, like=None if name == obj.uid else obj.uid)
-        if obj.camera != base.model:
-            spec = replace(spec, **camera_members(obj.camera, base.model))
-        if not same(now, (mount := late @ recorded_mount(base, drive, clock))).all():
-            spec = replace(spec, **_moved(now, mount, optical(obj.poses), clock.of_sensor(base)))
-    return spec
+    same_model = base is not None and obj.camera == base.model
+    members = {} if same_model else camera_members(obj.camera, None if base is None else base.model)
+    return _spec(CameraSpec, obj, base, members, optical(obj.poses), world_from_ego, drive, clock)
 
 
 def _lidar(obj: SampledObject, world_from_ego: FloatArray, drive: Drive, clock: Clock) -> LidarSpec:
-    base = drive.lidars.get(obj.uid)
-    late = lag(base, drive, clock)
-    now = late @ invert_pose(world_from_ego) @ obj.poses
-    name = sensor_id(obj, drive)
-    model = lidar_model(obj.model)
+    base, model = drive.lidars.get(obj.uid), lidar_model(obj.model)
+    same_model = base is not None and lidar_json(model) == lidar_json(base.model)
+    members = {} if same_model else lidar_members(model)
+    return _spec(LidarSpec, obj, base, members, obj.poses, world_from_ego, drive, clock)
+
+
+def _spec(
+    kind: type[Spec], obj: SampledObject, base: Camera | Lidar | None, members: dict[str, Any], world: FloatArray,
+    world_from_ego: FloatArray, drive: Drive, clock: Clock,
+) -> Spec:  # fmt: skip
+    """A sensor's entry: what is another one than the ``base``'s, or all of a new one. ``world`` (N, 4, 4) are its poses."""
+    late, name = lag(base, drive, clock), sensor_id(obj, drive)
+    now = late @ invert_pose(world_from_ego) @ world
     if base is None:
-        return LidarSpec(name, **lidar_members(model), **_mount(now, obj.poses, clock))
-    spec = LidarSpec(name, like=None if name == obj.uid else obj.uid)
-    if lidar_json(model) != lidar_json(base.model):
-        spec = replace(spec, **lidar_members(model))
-    if not same(now, (mount := late @ recorded_mount(base, drive, clock))).all():
-        spec = replace(spec, **_moved(now, mount, obj.poses, clock.of_sensor(base)))
-    return spec
+        return kind(name, **members, **_mount(now, world, clock))
+    mount = late @ recorded_mount(base, drive, clock)
+    place = {} if same(now, mount).all() else _moved(now, mount, world, clock.of_sensor(base))
+    return kind(name, None if name == obj.uid else obj.uid, **members, **place)
 
 
 def _moved(now: FloatArray, mount: FloatArray, world: FloatArray, clock: Clock) -> dict[str, Any]:

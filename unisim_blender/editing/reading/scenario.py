@@ -46,11 +46,7 @@ BY_ID = {reader.group for reader in GROUPS if reader.by_id}
 
 
 def read_scenario(
-    sampled: Sampled,
-    source: DriveSource,
-    path: Path,
-    frames: FrameRange | None = None,
-    outputs: Outputs | None = None,
+    sampled: Sampled, source: DriveSource, path: Path, frames: FrameRange | None = None, outputs: Outputs | None = None
 ) -> Scenario:
     """The scenario that a sampled scene stands for; its paths are relative to ``path``, where it is
     meant to be written.

@@ -69,7 +69,6 @@ class UNISIM_GT_timeline(bpy.types.Gizmo):
         """Nothing: the timeline is drawn with the overlays."""
 
     def test_select(self, context: bpy.types.Context, location: Any) -> int:
-        """Return 0 where the mouse is on the timeline."""
         timeline = timeline_of(context)
         return 0 if timeline is not None and timeline.covers(*location) else -1
 
@@ -87,7 +86,6 @@ class UNISIM_GT_timeline(bpy.types.Gizmo):
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event, tweak: set[str]) -> set[str]:
-        """Dragging goes through the times."""
         if event.type == "MOUSEMOVE" and self.timeline is not None and event.mouse_region_x != event.mouse_prev_x:
             if abs(event.mouse_x - event.mouse_prev_press_x) > 3:
                 go_to(context, self.timeline.time_at(event.mouse_region_x))

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import bpy
 import numpy as np
 from bpy.props import EnumProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
-from mathutils import Matrix, Quaternion, Vector
+from mathutils import Quaternion, Vector
 
 from ...bridge.changes.carriers.scale import give_box
 from ...bridge.changes.maneuvers import best_seen
 from ...bridge.changes.motion import move_along, retimed
 from ...bridge.objects.animation import shown_by_keys
-from ...bridge.objects.imported import box_mesh, collection_of, new_actor, source_of
+from ...bridge.objects.imported import add_actor, box_mesh, source_of, stand_at
 from ...bridge.objects.meshes import size_of
 from ...bridge.objects.trajectories import keyed_poses, span_of
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.views.actors import ego_poses, neighbours
-from ...bridge.window import Need, choose, chosen, drive, object_mode, refresh, selected
+from ...bridge.window import Need, choose, chosen, drive, object_mode, selected
 from ...core.actor_images.names import group_of, readable_names
 from ...core.errors import UnisimError
 from ...core.model.scene_file import HEADER_NAME, read_scene_header
@@ -35,7 +35,7 @@ from ...editing.motion.retiming import Retiming
 from ...editing.sampled.clock import Clock, recorded_poses
 from ...translations import interface, message
 from ..actor_list.operators import GROUPS
-from ..operator_bases import Editing, Needing, reporting
+from ..operator_bases import EditsObjects, Needing
 from ..problems import draw_problem, fail
 from . import thumbnails
 
@@ -69,12 +69,8 @@ def choice_of(context: bpy.types.Context, folder: str) -> ActorChoices:
     Raises `UnisimError`."""
     if not folder:
         source = source_of(context.scene)
-        log_path, scene_path, actors = (
-            thumbnails.log_of(context.scene),
-            thumbnails.scene_of(context.scene),
-            source.drive.actors,
-        )
-        counted = named_actors(source)
+        log_path, scene_path = thumbnails.log_of(context.scene), thumbnails.scene_of(context.scene)
+        actors, counted = source.drive.actors, named_actors(source)
     else:
         scene_path = Path(bpy.path.abspath(folder))
         header = header_of(scene_path)
@@ -114,7 +110,7 @@ def items_of(context: bpy.types.Context, folder: str, group: str, page: int) -> 
             lasting(uid),
             lasting(choice.names[uid]),
             lasting(class_and_size(choice.actors[uid])),
-            icon_of(choice, uid),
+            thumbnails.icon_of(choice.log_path, uid, choice.scene_path),
             numbers[uid],
         )
         for uid in uids
@@ -124,11 +120,6 @@ def items_of(context: bpy.types.Context, folder: str, group: str, page: int) -> 
 def lasting(text: str) -> str:
     """Return the same text as an object that stays."""
     return _texts.setdefault(text, text)
-
-
-def icon_of(choice: ActorChoices, uid: str) -> int:
-    """Return an actor's thumbnail."""
-    return thumbnails.icon_of(choice.log_path, uid, choice.scene_path)
 
 
 def pages(context: bpy.types.Context, folder: str, group: str) -> int:
@@ -158,46 +149,7 @@ def draw_choice(layout: bpy.types.UILayout, context: bpy.types.Context, operator
     layout.label(text=class_and_size(choice.actors[operator.appearance]) if known else "")
 
 
-def first_of(context: bpy.types.Context, folder: str, group: str, page: int) -> str:
-    """Return the first actor of a page; "" where it has none."""
-    return items_of(context, folder, group, page)[0][0]
-
-
 WIDTH_PX = 320
-
-
-class _Chooses:
-    """Base of operators that choose an actor by its thumbnail."""
-
-    layout: Any
-    """Blender's, while it draws."""
-
-    def folder(self) -> str:
-        """The folder of the trained scene whose actors are chosen from; "" for the drive's own."""
-        raise NotImplementedError
-
-    def begin(self, context: bpy.types.Context, group: str, uid: str) -> None:
-        """Show the actors of a group, and one of them, if it is there."""
-        folder = self.folder()
-        self.group = group
-        try:
-            uids = listed(choice_of(context, folder), self.group)
-            if not uids:
-                self.group, uids = "ALL", listed(choice_of(context, folder), "ALL")
-        except (UnisimError, OSError):
-            return
-        at = uids.index(uid) if uid in uids else 0
-        self.page = (
-            1 + at * pages(context, folder, self.group) // max(len(uids), 1)
-            if pages(context, folder, self.group) > 1
-            else 1
-        )
-        items = [item[0] for item in items_of(context, folder, self.group, self.page)]
-        self.appearance = uid if uid in items else items[0]
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw the thumbnails."""
-        draw_choice(self.layout, context, self, self.folder())
 
 
 def folder_of(filepath: str) -> str:
@@ -208,26 +160,66 @@ def folder_of(filepath: str) -> str:
     return str(path.parent if path.name == HEADER_NAME else path)
 
 
+def chosen_folder(self: bpy.types.OperatorProperties) -> str:
+    """Return the folder of the trained scene whose actors are chosen from; "" for the drive's own."""
+    return folder_of(self.filepath) if hasattr(self, "filepath") else str(self.scene)
+
+
 def appearances(self: bpy.types.OperatorProperties, context: bpy.types.Context) -> list[ActorChoice]:
-    """The actors of a menu of Replace Appearance."""
-    return items_of(context, self.scene, self.group, self.page)
-
-
-def inserted(self: bpy.types.OperatorProperties, context: bpy.types.Context) -> list[ActorChoice]:
-    """The actors of a menu of Insert Actor."""
-    return items_of(context, folder_of(self.filepath), self.group, self.page)
+    """Return the actors of the menu."""
+    return items_of(context, chosen_folder(self), self.group, self.page)
 
 
 def other_page(self: bpy.types.OperatorProperties, context: bpy.types.Context) -> None:
     """Another class or page is shown: its first actor is chosen."""
-    folder = folder_of(self.filepath) if hasattr(self, "filepath") else self.scene
+    folder = chosen_folder(self)
     last = pages(context, folder, self.group)
     if self.page > last:
         self.page = last
         return  # which comes here again
-    first = first_of(context, folder, self.group, self.page)
-    if first:
+    first, *_ = items_of(context, folder, self.group, self.page)[0]
+    if first:  # there is one
         self.appearance = first
+
+
+class _Chooses(EditsObjects):
+    """Base of operators that choose an actor by its thumbnail: ``confirm`` is the text of their button, ``first_group``
+    the class that is shown where no actor is active."""
+
+    confirm: ClassVar[str]
+    first_group: ClassVar[str] = "ALL"
+    group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
+    page: IntProperty(name="Page", description="Page that is shown", min=0, soft_min=1, update=other_page)
+
+    def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask which, of the active actor's class first."""
+        actors, obj = chosen(context, "ACTOR"), context.active_object
+        if obj is None or obj.unisim.kind != "ACTOR" or (actors and obj not in actors):
+            obj = next(iter(actors), None)
+        uid = obj.unisim.look or obj.unisim.uid if obj is not None else ""
+        try:
+            actor = choice_of(context, chosen_folder(self)).actors.get(uid)
+        except (UnisimError, OSError) as fault:
+            return fail(self, fault)
+        self.begin(context, group_of(actor.label) if actor is not None else self.first_group, uid)
+        return context.window_manager.invoke_props_dialog(self, width=WIDTH_PX, confirm_text=self.confirm)
+
+    def begin(self: Any, context: bpy.types.Context, group: str, uid: str) -> None:
+        """Show the actors of a group, and one of them, if it is there."""
+        folder, self.group = chosen_folder(self), group
+        try:
+            uids = listed(choice_of(context, folder), self.group)
+            if not uids:
+                self.group, uids = "ALL", listed(choice_of(context, folder), "ALL")
+        except (UnisimError, OSError):
+            return
+        at, count = uids.index(uid) if uid in uids else 0, pages(context, folder, self.group)
+        self.page = 1 + at * count // max(len(uids), 1) if count > 1 else 1
+        items = [item[0] for item in items_of(context, folder, self.group, self.page)]
+        self.appearance = uid if uid in items else items[0]
+
+    def draw(self: Any, context: bpy.types.Context) -> None:
+        draw_choice(self.layout, context, self, chosen_folder(self))
 
 
 def no_mesh(context: bpy.types.Context) -> Need:
@@ -241,10 +233,11 @@ def trained(context: bpy.types.Context) -> Need:
     return bool(context.scene.unisim.scene), "Import or train a trained scene first"
 
 
-class UNISIM_OT_replace_appearance(Editing, _Chooses, bpy.types.Operator):
+class UNISIM_OT_replace_appearance(_Chooses, bpy.types.Operator):
     """Replace the appearance and the box of the selected actors by those of another actor, on the same trajectory"""
 
     bl_label = "Replace Appearance"
+    confirm = "Replace"
     needs = (object_mode, selected("Select an actor first", "ACTOR"), no_mesh)
 
     scene: StringProperty(
@@ -253,37 +246,16 @@ class UNISIM_OT_replace_appearance(Editing, _Chooses, bpy.types.Operator):
         subtype="DIR_PATH",
         options={"SKIP_SAVE"},
     )
-    group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
-    page: IntProperty(name="Page", description="Page that is shown", min=0, soft_min=1, update=other_page)
     appearance: EnumProperty(name="Appearance", description="Actor whose appearance is used", items=appearances)
 
-    def folder(self) -> str:
-        """As the property has it."""
-        return str(self.scene)
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask which, of the active actor's class first."""
-        actors = chosen(context, "ACTOR")
-        obj = context.active_object if context.active_object in actors else actors[0]
-        uid = obj.unisim.look or obj.unisim.uid
-        try:
-            actor = choice_of(context, self.scene).actors.get(uid)
-        except (UnisimError, OSError) as fault:
-            return fail(self, fault)
-        self.begin(context, group_of(actor.label) if actor is not None else "ALL", uid)
-        return context.window_manager.invoke_props_dialog(self, width=WIDTH_PX, confirm_text="Replace")
-
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Other boxes, their undersides where they were."""
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         actors = choice_of(context, self.scene).actors
         actor = actors.get(self.appearance) if self.properties.is_property_set("appearance") else None
         if actor is None:
             raise UnisimError(message("choose an actor by its thumbnail first"))
         for obj in chosen(context, "ACTOR"):
             give_look(obj, self.appearance, actor, self.scene)
-        refresh(chosen(context, "ACTOR"))
-        return {"FINISHED"}
+        return chosen(context, "ACTOR")
 
 
 def give_look(obj: bpy.types.Object, uid: str, actor: Actor, folder: str) -> None:
@@ -298,7 +270,7 @@ SLOW_GROUPS = ("PERSON", "CYCLE")
 """Classes that a vehicle's speed is too much for."""
 
 
-class UNISIM_OT_swap_class(Editing, bpy.types.Operator):
+class UNISIM_OT_swap_class(EditsObjects, bpy.types.Operator):
     """Replace the selected actors by those of a class that are most like them in size, on their paths, at its speeds"""
 
     bl_label = "Swap Class"
@@ -312,8 +284,7 @@ class UNISIM_OT_swap_class(Editing, bpy.types.Operator):
         options={"SKIP_SAVE"},
     )
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         """Other boxes; who goes faster than that class does is slowed down from the start on."""
         choice, clock = choice_of(context, self.scene), Clock.of(source_of(context.scene).drive)
         uids = listed(choice, self.group)
@@ -331,8 +302,7 @@ class UNISIM_OT_swap_class(Editing, bpy.types.Operator):
             give_look(obj, uid, choice.actors[uid], self.scene)
             if self.group in SLOW_GROUPS:
                 slow_down(obj, habits_of(choice.actors[uid].label).speed_m_s, clock)
-        refresh(chosen(context, "ACTOR"))
-        return {"FINISHED"}
+        return chosen(context, "ACTOR")
 
 
 def slow_down(obj: bpy.types.Object, speed_m_s: float, clock: Clock) -> None:
@@ -374,7 +344,7 @@ def put_ahead(scene: bpy.types.Scene, obj: bpy.types.Object, actor: Actor) -> No
     ground_m = None if place.height_m else ground_height(source, place.road, int(clock.frames[at]))
     poses = place.on_ground(ground_m, float(size_m[2]))
     if place.stands:
-        obj.location, obj.rotation_quaternion, _ = Matrix(poses[at].tolist()).decompose()
+        stand_at(obj, poses[at])
     else:
         move_along(obj, poses, clock)
 
@@ -391,10 +361,11 @@ def cursor_rotation(scene: bpy.types.Scene) -> Quaternion:
     return Quaternion(UP, heading_along(np.array(scene.cursor.location), paths))
 
 
-class UNISIM_OT_insert_actor(Editing, _Chooses, bpy.types.Operator):
+class UNISIM_OT_insert_actor(_Chooses, bpy.types.Operator):
     """Insert an actor of the drive or of a trained scene in front of the ego vehicle, or at the 3D cursor"""
 
     bl_label = "Insert Actor"
+    confirm, first_group = "Insert", "CAR"
     needs = (object_mode, drive)
 
     filepath: StringProperty(
@@ -407,36 +378,15 @@ class UNISIM_OT_insert_actor(Editing, _Chooses, bpy.types.Operator):
         description="Identifier in the trained scene; empty for the one chosen by its thumbnail",
         options={"HIDDEN", "SKIP_SAVE"},
     )
-    group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
-    page: IntProperty(name="Page", description="Page that is shown", min=0, soft_min=1, update=other_page)
-    appearance: EnumProperty(name="Actor", description="Actor to insert", items=inserted)
+    appearance: EnumProperty(name="Actor", description="Actor to insert", items=appearances)
     where: EnumProperty(name="Where", description="Location of the actor", items=PLACES)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the thumbnails, and where the actor goes."""
         super().draw(context)
         self.layout.prop(self, "where", text="")
 
-    def folder(self) -> str:
-        """Of the file that was chosen."""
-        return folder_of(self.filepath)
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask which, of the active actor's class first."""
-        try:
-            choice = choice_of(context, self.folder())
-        except (UnisimError, OSError) as fault:
-            return fail(self, fault)
-        obj = context.active_object
-        own = obj.unisim.look or obj.unisim.uid if obj is not None and obj.unisim.kind == "ACTOR" else ""
-        actor = choice.actors.get(own)
-        self.begin(context, group_of(actor.label) if actor is not None else "CAR", own)
-        return context.window_manager.invoke_props_dialog(self, width=WIDTH_PX, confirm_text="Insert")
-
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """A box that stands on the ground."""
-        folder = self.folder()
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
+        folder = chosen_folder(self)
         choice = choice_of(context, folder)
         vehicles = listed(choice, "CAR") or listed(choice, "ALL")
         uid = self.actor or (
@@ -445,17 +395,14 @@ class UNISIM_OT_insert_actor(Editing, _Chooses, bpy.types.Operator):
         if uid not in choice.actors:
             raise UnisimError(message('{folder}: has no actor "{name}"', folder=folder or choice.log_path, name=uid))
         actor = choice.actors[uid]
-        obj = new_actor(choice.names[uid], actor)
-        collection_of(context.scene, "ACTOR").objects.link(obj)
-        obj.unisim.look, obj.unisim.look_scene = uid, folder
+        obj = add_actor(context.scene, choice.names[uid], actor, uid, folder)
         if self.where == "CURSOR":
             obj.location = np.array(context.scene.cursor.location) + [0.0, 0.0, actor.size_m[2] / 2]
             obj.rotation_quaternion = cursor_rotation(context.scene)
         else:
             put_ahead(context.scene, obj, actor)
         choose(context, obj)
-        refresh([obj])
-        return {"FINISHED"}
+        return [obj]
 
 
 class UNISIM_OT_insert_from(Needing, bpy.types.Operator, ImportHelper):
@@ -468,10 +415,8 @@ class UNISIM_OT_insert_from(Needing, bpy.types.Operator, ImportHelper):
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Show that scene's actors."""
         try:
             answer = bpy.ops.unisim.insert_actor("INVOKE_DEFAULT", filepath=self.filepath)
         except RuntimeError as fault:  # what the operator reports
-            self.report({"ERROR"}, str(fault).removeprefix("Error: ").strip())
-            return {"CANCELLED"}
+            return fail(self, UnisimError(str(fault).removeprefix("Error: ").strip()))
         return {"FINISHED"} if answer != {"CANCELLED"} else answer

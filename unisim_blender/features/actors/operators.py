@@ -2,18 +2,18 @@
 
 import bpy
 import numpy as np
-from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
+from bpy.props import EnumProperty, FloatVectorProperty, StringProperty
 
+from ...bridge.changes.carriers.own_object import discard
 from ...bridge.changes.motion import displaced_beside, moved_to
 from ...bridge.objects.imported import copy_of, forget_static, mark_static, source_of
 from ...bridge.objects.meshes import make_actor, parts, size_of
-from ...bridge.objects.trajectories import remove
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.window import choose, chosen, drive, object_mode, refresh, selected
+from ...bridge.window import Need, choose, chosen, drive, object_mode, selected
 from ...core.errors import UnisimError
 from ...editing.sampled.scene import rigid
 from ...translations import message
-from ..operator_bases import Editing, reporting
+from ..operator_bases import EditsObjects, in_metres
 
 LANE_M = 3.5
 GAP_M = 0.6
@@ -27,20 +27,16 @@ PLACES = (
 )
 
 
-class UNISIM_OT_duplicate_actor(Editing, bpy.types.Operator):
+class UNISIM_OT_duplicate_actor(EditsObjects, bpy.types.Operator):
     """Duplicate the selected actors with their trajectories"""
 
     bl_label = "Duplicate Actor"
     needs = (object_mode, selected("Select an actor first", "ACTOR"))
 
     where: EnumProperty(name="Where", description="Location of the copies", items=PLACES, default="LANE_LEFT")
-    lane_m: FloatProperty(
-        name="Lane width", description="Distance to the next lane", default=LANE_M, min=0.5, soft_max=6.0, unit="LENGTH"
-    )
+    lane_m: in_metres("Lane width", "Distance to the next lane", LANE_M, once=False, min=0.5, soft_max=6.0)
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Copy each and put the copy where it was asked for."""
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         sources, copies, recorded = chosen(context, "ACTOR"), [], source_of(context.scene).drive
         for source in sources:
             copy = copy_of(context, source)
@@ -51,26 +47,21 @@ class UNISIM_OT_duplicate_actor(Editing, bpy.types.Operator):
                 displaced_beside(copy, (0.0, beside if self.where.endswith("LEFT") else -beside, 0.0), recorded)
             copies.append(copy)
         choose(context, *copies)
-        refresh(copies)
         self.report({"INFO"}, message("Actors duplicated: {count}", count=len(sources)))
-        return {"FINISHED"}
+        return copies
 
 
-class UNISIM_OT_delete_actor(Editing, bpy.types.Operator):
+class UNISIM_OT_delete_actor(EditsObjects, bpy.types.Operator):
     """Delete the selected actors and static items from all images and sweeps"""
 
     bl_label = "Delete Actor"
     needs = (object_mode, selected("Select an actor or a static item first", "ACTOR", "STATIC"))
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """As X does."""
+    def edit(self, context: bpy.types.Context) -> None:
         gone = chosen(context, "ACTOR", "STATIC")
         for obj in gone:
-            for part in obj.children_recursive if obj.unisim.mesh else ():
-                bpy.data.objects.remove(part)
-            remove(obj)
+            discard(obj)
         self.report({"INFO"}, message("Objects deleted: {count}", count=len(gone)))
-        return {"FINISHED"}
 
 
 DIRECTIONS = (
@@ -92,7 +83,16 @@ def marked_above(obj: bpy.types.Object) -> bool:
     return False
 
 
-class UNISIM_OT_mesh_actor(Editing, bpy.types.Operator):
+def selected_meshes(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """Return the selected mesh objects that are no part of the drive or of another one. Raises `UnisimError` where there
+    is none."""
+    meshes = [obj for obj in chosen(context, "NONE") if not marked_above(obj) and any(parts(obj))]
+    if not meshes:
+        raise UnisimError(message("no selected object has a surface"))
+    return meshes
+
+
+class UNISIM_OT_mesh_actor(EditsObjects, bpy.types.Operator):
     """Use the selected mesh objects and their children as actors, which cameras and LiDARs see"""
 
     bl_label = "Use Mesh as Actor"
@@ -105,37 +105,34 @@ class UNISIM_OT_mesh_actor(Editing, bpy.types.Operator):
     )
     forward: EnumProperty(name="Points along", description="Forward direction of the object", items=DIRECTIONS)
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> None:
         """Mark each; its origin goes to its middle, its scale into its mesh."""
-        meshes = [obj for obj in chosen(context, "NONE") if not marked_above(obj) and any(parts(obj))]
-        if not meshes:
-            raise UnisimError(message("no selected object has a surface"))
+        meshes = selected_meshes(context)
         for obj in meshes:
             make_actor(obj, self.label or "Other", self.forward)
         choose(context, *meshes)
         self.report({"INFO"}, message("Mesh actors: {count}", count=len(meshes)))
-        return {"FINISHED"}
 
 
-class UNISIM_OT_release_mesh(Editing, bpy.types.Operator):
+def mesh_actor(context: bpy.types.Context) -> Need:
+    """A mesh that is an actor is selected."""
+    return any(obj.unisim.mesh for obj in chosen(context, "ACTOR")), "Select a mesh actor first"
+
+
+class UNISIM_OT_release_mesh(EditsObjects, bpy.types.Operator):
     """Turn the selected mesh actors back into ordinary objects, which no sensor sees"""
 
     bl_label = "Release Mesh Actor"
-    needs = (
-        object_mode,
-        lambda context: (any(obj.unisim.mesh for obj in chosen(context, "ACTOR")), "Select a mesh actor first"),
-    )
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Take the mark away."""
+    needs = (object_mode, mesh_actor)
+
+    def edit(self, context: bpy.types.Context) -> None:
         for obj in chosen(context, "ACTOR"):
             if obj.unisim.mesh:
                 obj.unisim.kind, obj.unisim.mesh = "NONE", False
-        return {"FINISHED"}
 
 
-class UNISIM_OT_mark_static(Editing, bpy.types.Operator):
+class UNISIM_OT_mark_static(EditsObjects, bpy.types.Operator):
     """Mark a static item: the bounding box of the selected active mesh, or a new box at the 3D cursor"""
 
     bl_label = "Mark Static Item"
@@ -150,8 +147,7 @@ class UNISIM_OT_mark_static(Editing, bpy.types.Operator):
         unit="LENGTH",
     )
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Take the mesh's place, or the cursor's."""
+    def edit(self, context: bpy.types.Context) -> None:
         active = context.active_object
         if active is not None and active.select_get() and active.type == "MESH" and active.unisim.kind == "NONE":
             corners = np.array(active.bound_box)
@@ -166,16 +162,15 @@ class UNISIM_OT_mark_static(Editing, bpy.types.Operator):
             pose[:3, 3] = np.array(context.scene.cursor.location) + [0.0, 0.0, size[2] / 2]
         obj = mark_static(context.scene, pose, size)
         choose(context, obj)
-        return {"FINISHED"}
 
 
-class UNISIM_OT_copy_static(Editing, bpy.types.Operator):
+class UNISIM_OT_copy_static(EditsObjects, bpy.types.Operator):
     """Copy the selected static items to the 3D cursor"""
 
     bl_label = "Copy Static Item"
     needs = (object_mode, selected("Select a static item first", "STATIC"))
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> None:
         """Several keep their places to each other."""
         items = chosen(context, "STATIC")
         middle = np.mean([obj.matrix_world.translation for obj in items], 0)
@@ -184,17 +179,14 @@ class UNISIM_OT_copy_static(Editing, bpy.types.Operator):
         for obj, copy in zip(items, copies, strict=True):
             copy.location = np.array(obj.location) + [apart[0], apart[1], 0.0]
         choose(context, *copies)
-        return {"FINISHED"}
 
 
-class UNISIM_OT_forget_static(Editing, bpy.types.Operator):
+class UNISIM_OT_forget_static(EditsObjects, bpy.types.Operator):
     """Remove the marks of the selected static items; the scene itself stays unchanged"""
 
     bl_label = "Unmark Static Item"
     needs = (object_mode, selected("Select a static item first", "STATIC"))
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """With all copies of each."""
+    def edit(self, context: bpy.types.Context) -> None:
         for uid in {obj.unisim.uid for obj in chosen(context, "STATIC")}:
             forget_static(context.scene, uid)
-        return {"FINISHED"}

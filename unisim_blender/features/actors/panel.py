@@ -96,7 +96,6 @@ class UNISIM_PT_insert(DrivePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the operators."""
         column = self.layout.column(align=True)
         column.operator("unisim.insert_actor", icon="ADD")
         column.operator("unisim.insert_from", icon="FILE_FOLDER")
@@ -114,7 +113,6 @@ class UNISIM_PT_static(DrivePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the active item's box and the operators."""
         obj = context.active_object
         item = obj if obj is not None and obj.unisim.kind == "STATIC" else None
         size = size_text(json.loads(item.unisim.model)["size_m"], digits=2) if item is not None else ""

@@ -7,14 +7,9 @@ stands in its place.
 
 from __future__ import annotations
 
-import json
-import os
 import queue
-import subprocess
-import threading
 from collections import deque
 from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,75 +23,47 @@ from ...core.actor_images.cache import ActorImage, cached_images
 from ...core.actor_images.names import plain_names
 from ...core.errors import UnisimError
 from ...core.model.scene_file import read_scene_header
+from ...core.world.drive import Actor
 from ...editing.actors.portraits import Portrait, portrait_request, save_portrait, saved_portrait
 from ...editing.actors.table import named_actors
 from ...editing.sampled.source import DriveSource
 from ...preferences import device, interpreter
-from ...process import interpreters
 from ...process.client import client
+from ...process.tasks import Task
 from ..actor_list import listing
 
 LOOK_S = 0.2
 """Between two looks whether something has come."""
 GREY = 0.22
 EDGE_PX = 32
-PRIORITY = 10
-"""Niceness of the process."""
 
 
-@dataclass
-class ThumbnailMaker:
-    """A process that makes the thumbnails of one log. ``lines`` come in as it writes them; ``ended``
-    is set at its end."""
+class ThumbnailMaker(Task):
+    """A process that makes the thumbnails of one log. ``lines`` come in as it writes them; ``ended`` is set at its end."""
 
-    log_path: Path
-    chosen: str
-    lines: queue.SimpleQueue[dict[str, Any]] = field(default_factory=queue.SimpleQueue)
-    words: deque[str] = field(default_factory=lambda: deque(maxlen=5))
-    ended: bool = False
-    code: int = 1
-    stopped: bool = False
-    process: subprocess.Popen[bytes] | None = None
+    hears, entry, niceness = True, "actors", 10
 
-    def start(self) -> None:
-        """Begin; returns at once."""
-        threading.Thread(target=self._run, daemon=True).start()
+    def __init__(self, log_path: Path, chosen: str) -> None:
+        super().__init__([str(log_path)], log_path, 0.0, chosen)
+        self.lines: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+
+    @property
+    def done(self) -> float:
+        return 0.0
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has ended."""
+        return not self.running
+
+    def hear(self, event: dict[str, Any]) -> None:
+        self.lines.put(event)
 
     def stop(self) -> None:
         """End the process."""
-        self.stopped = True
+        self.cancelled = True
         if self.process is not None and self.process.poll() is None:
             self.process.kill()
-
-    def _run(self) -> None:
-        try:
-            python, failed = interpreters.find(self.chosen)
-            if python is None or self.stopped:
-                self.words.append(interpreters.how_to_mend(failed))
-                return
-            command = interpreters.command(python.path, "actors", str(self.log_path))
-            settings = {**os.environ, "OMP_NUM_THREADS": "1"}
-            self.process = process = subprocess.Popen(
-                command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, env=settings
-            )
-            if hasattr(os, "setpriority"):
-                with suppress(OSError):
-                    os.setpriority(os.PRIO_PROCESS, process.pid, PRIORITY)
-            if self.stopped:
-                process.kill()
-            assert process.stdout is not None
-            for line in process.stdout:
-                text = line.decode(errors="replace").strip()
-                try:
-                    said = json.loads(text)
-                    self.lines.put(said if isinstance(said, dict) else {})
-                except ValueError:
-                    self.words.append(text)
-            self.code = process.wait()
-        except OSError as fault:
-            self.words.append(str(fault))
-        finally:
-            self.ended = True
 
 
 _known: dict[Path, dict[str, ActorImage]] = {}
@@ -240,13 +207,22 @@ def _render() -> bool:
             source = DriveSource(
                 (scene_path / header.log_path).resolve(), scene_path, header.drive, None, header.parked
             )
-            asked = portrait_request(source, actor, scene_path.name) if actor is not None else None
+            asked = asked_portrait(source, actor) if actor is not None else None
             if asked is not None:
-                request = client(interpreter()).ask(
-                    "camera", **asked.values, passes=["rgb", "instance"], quality="balanced", device=device()
-                )
-                _rendering.append(Portrait(scene_path, uid, request))
+                _rendering.append(asked)
     return news
+
+
+def asked_portrait(source: DriveSource, actor: Actor) -> Portrait | None:
+    """Ask the worker for the portrait of an actor of a trained scene; None where no camera came near it."""
+    assert source.scene_path is not None
+    asked = portrait_request(source, actor, source.scene_path.name)
+    if asked is None:
+        return None
+    request = client(interpreter()).ask(
+        "camera", **asked.values, passes=["rgb", "instance"], quality="balanced", device=device()
+    )
+    return Portrait(source.scene_path, actor.uid, request)
 
 
 def name_actors() -> None:

@@ -114,7 +114,6 @@ class UNISIM_OT_use_frame_range(Editing, bpy.types.Operator):
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Forget the range that the stated captures hold for."""
         context.scene.unisim.stated_range = (0, -1, 0)
         return {"FINISHED"}
 

@@ -34,7 +34,7 @@ from ...editing.sampled.clock import Clock
 from ...editing.sensors.mounts import angles
 from ...editing.texts import Text, kmh, series, translatable
 from ...translations import interface, localized, message, tooltip
-from ..operator_bases import Needing, in_m_s, in_metres, in_seconds
+from ..operator_bases import EditsObjects, Needing, in_m_s, in_metres, in_seconds
 from ..problems import fail
 from .overlay import Grip, graph_place, grips
 from .properties import graph_of, limits_of
@@ -104,7 +104,6 @@ class Dragged:
         return None if first is None or now is None else now - first
 
     def execute(self: Any, context: bpy.types.Context) -> set[str]:
-        """Move it by the operator's numbers."""
         try:
             self.note(context)
             self.apply(context)
@@ -115,7 +114,6 @@ class Dragged:
         return {"FINISHED"}
 
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Begin to follow the mouse."""
         self.pressed, self.moved = (event.mouse_region_x, event.mouse_region_y), False
         self.starts = [(obj, TransformSnapshot.of(obj)) for obj in self.subjects(context)]
         try:
@@ -185,25 +183,20 @@ class UNISIM_OT_drag_ego(Needing, Dragged, bpy.types.Operator):
     left_m: in_metres("Left", "Negative: to the right")
 
     def subject(self, context: bpy.types.Context) -> bpy.types.Object:
-        """Return the vehicle."""
         return next(imported_objects(context.scene, "EGO"))
 
     def begin(self, context: bpy.types.Context) -> None:
-        """Note the line along which it is dragged."""
         world = np.array(self.subject(context).matrix_world, float)
         self.origin, self.left = world[:3, 3], world[:3, 1] / np.linalg.norm(world[:3, 1])
 
     def follow(self, context: bpy.types.Context, pressed: FloatArray, mouse: FloatArray, in_steps: bool) -> None:
-        """Set the shift to what the mouse moved along the vehicle's left."""
         first, now = (along_axis(*ray(context, at), self.origin, self.left) for at in (pressed, mouse))
         self.left_m = stepped(now - first, STEP_M, in_steps)
 
     def apply(self, context: bpy.types.Context) -> None:
-        """Displace its whole trajectory."""
         displaced_along(self.subject(context), (0.0, self.left_m, 0.0))
 
     def said(self, context: bpy.types.Context) -> str:
-        """Return what is done."""
         length = abs(self.left_m)
         shift = Text("{length} to the left" if self.left_m >= 0 else "{length} to the right", length=metres(length))
         return Text("Shift ego lane: {shift}", shift=shift)
@@ -222,7 +215,6 @@ class UNISIM_OT_drag_trajectory(Needing, Dragged, bpy.types.Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
-        """Return the tooltip of a handle: which actor it displaces, and when."""
         name = context.active_object.name if context.active_object is not None else Text("the active actor")
         drive, time_s = drive_of(context.scene), properties.time_s
         when = f"{time_s:.2f} s" if drive is None else instant(time_s, Clock.of(drive))
@@ -232,22 +224,18 @@ class UNISIM_OT_drag_trajectory(Needing, Dragged, bpy.types.Operator):
         )  # fmt: skip
 
     def begin(self, context: bpy.types.Context) -> None:
-        """Note the place of the handle."""
         frame = float(self.clock(context).frame(np.array(self.time_s)))
         self.origin = keyed_pose(self.subject(context), frame)[:3, 3]
 
     def follow(self, context: bpy.types.Context, pressed: FloatArray, mouse: FloatArray, in_steps: bool) -> None:
-        """Set the offset to what the mouse moved in the plane of the ground at the handle's height."""
         moved = self.dragged(context, pressed, mouse)
         if moved is not None:
             self.offset_m = [stepped(float(apart), STEP_M, in_steps) for apart in moved]
 
     def apply(self, context: bpy.types.Context) -> None:
-        """Key the displacement, and where it begins and ends."""
         displace_at(self.subject(context), self.time_s, np.array(self.offset_m), self.clock(context))
 
     def said(self, context: bpy.types.Context) -> str:
-        """Return what is done."""
         away = float(np.linalg.norm(self.offset_m))
         when = instant(self.time_s, self.clock(context))
         return Text("{name}: {length:.2f} m at {time}", name=self.subject(context).name, length=away, time=when)
@@ -268,11 +256,9 @@ class UNISIM_OT_drag_speed(Needing, Dragged, bpy.types.Operator):
     hint = translatable("{done}  |  Ctrl: steps, wheel: falloff, Esc: cancel")
 
     def subjects(self, context: bpy.types.Context) -> list[bpy.types.Object]:
-        """Return the actor and its trajectory."""
         return [obj for obj in (self.subject(context), own_trajectory(self.subject(context))) if obj is not None]
 
     def begin(self, context: bpy.types.Context) -> None:
-        """Note the time under the mouse, the speed there and the scale of the graph."""
         place = graph_place(context)
         time_s = place.time_at(*self.pressed, math.inf) if place is not None else None
         if place is None or time_s is None:
@@ -283,13 +269,11 @@ class UNISIM_OT_drag_speed(Needing, Dragged, bpy.types.Operator):
         self.mark(context)
 
     def turned(self, event: bpy.types.Event) -> bool:
-        """Let it reach farther or less far."""
         factor = {"WHEELUPMOUSE": 1 / WHEEL, "WHEELDOWNMOUSE": WHEEL}.get(event.type, 1.0)
         self.reach_s *= factor
         return factor != 1.0
 
     def follow(self, context: bpy.types.Context, pressed: FloatArray, mouse: FloatArray, in_steps: bool) -> None:
-        """Set the speed to what the mouse moved up or down."""
         speed = self.before_m_s + self.axes.speed_m_s(float(mouse[1] - pressed[1]) / self.scale)
         self.speed_m_s = max(stepped(speed, STEP_M_S, in_steps), 0.0)
         self.mark(context)
@@ -301,12 +285,10 @@ class UNISIM_OT_drag_speed(Needing, Dragged, bpy.types.Operator):
         grips["drag"] = Grip(self.time_s, self.reach_s, limit, self.axes.top_m_s, self.speed_m_s)
 
     def let_go(self, context: bpy.types.Context) -> None:
-        """End what shows that it is dragged."""
         grips.clear()
         super().let_go(context)
 
     def apply(self, context: bpy.types.Context) -> None:
-        """Put it to other places of its path from then on."""
         args = self.time_s, self.speed_m_s, self.reach_s, self.clock(context)
         respeeded(self.subject(context), lambda keys: speed_at(keys, *args), args[-1])
 
@@ -341,33 +323,27 @@ class _Aimed(Needing):
     pitch_deg: FloatProperty(name="Pitch", description="Degrees up", soft_min=-89, soft_max=89)
 
     def apply(self: Any, context: bpy.types.Context) -> None:
-        """Turn the sensor on its mount."""
         aim(context.active_object, np.radians(self.yaw_deg), np.radians(self.pitch_deg))
 
     def said(self: Any, context: bpy.types.Context) -> str:
-        """Return what is done."""
         yaw = Text("{angle:.1f}° left" if self.yaw_deg >= 0 else "{angle:.1f}° right", angle=abs(self.yaw_deg))
         pitch = Text("{angle:.1f}° up" if self.pitch_deg >= 0 else "{angle:.1f}° down", angle=abs(self.pitch_deg))
         return Text("{name}: looks {yaw}, {pitch}", name=context.active_object.name, yaw=yaw, pitch=pitch)
 
 
-class UNISIM_OT_aim_sensor(_Aimed, bpy.types.Operator):
+class UNISIM_OT_aim_sensor(_Aimed, EditsObjects, bpy.types.Operator):
     """Turn the active camera or LiDAR on its mount, by yaw and pitch from the vehicle's axis"""
 
     bl_label = "Aim Sensor"
-    bl_options = {"REGISTER", "UNDO"}
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the angles, beginning with those that it has."""
         self.yaw_deg, self.pitch_deg = np.degrees(direction_of(context.active_object))
         return context.window_manager.invoke_props_dialog(self)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Turn it, and say where it looks."""
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         self.apply(context)
-        refresh([context.active_object])
         self.report({"INFO"}, localized(self.said(context)))
-        return {"FINISHED"}
+        return [context.active_object]
 
 
 class UNISIM_OT_drag_aim(_Aimed, Dragged, bpy.types.Operator):
@@ -376,7 +352,6 @@ class UNISIM_OT_drag_aim(_Aimed, Dragged, bpy.types.Operator):
     bl_label = "Aim Sensor"
 
     def begin(self, context: bpy.types.Context) -> None:
-        """Note where the handle is, and the sensor's place and base."""
         obj = self.subject(context)
         self.place, self.base = np.array(obj.matrix_world.translation, float), base_of(obj)
         self.before = direction_of(obj)

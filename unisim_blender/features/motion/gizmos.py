@@ -59,7 +59,6 @@ class _Shape:
     has moved objects."""
 
     def setup(self: Any) -> None:
-        """Make the triangles."""
         if not hasattr(self, "shape"):
             self.shape = self.new_custom_shape("TRIS", self.triangles())
 
@@ -75,18 +74,15 @@ class UNISIM_GT_dot(_Shape, bpy.types.Gizmo):
     __slots__ = ("shape",)
 
     def triangles(self) -> list[tuple[float, float, float]]:
-        """Return a disc of radius 1."""
         return disc()
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw it as large in the window wherever it is."""
         world = self.matrix_world
         size = Matrix.Scale(world.median_scale, 4)
         turn = context.region_data.view_rotation.to_matrix().to_4x4()
         self.draw_custom_shape(self.shape, matrix=Matrix.Translation(world.translation) @ turn @ size)
 
     def test_select(self, context: bpy.types.Context, location: tuple[int, int]) -> int:
-        """Return 0 where the mouse is on it, else -1."""
         at = location_3d_to_region_2d(context.region, context.region_data, self.matrix_world.translation)
         return 0 if at is not None and (at - Vector(location)).length <= self.reach(context) else -1
 
@@ -98,11 +94,9 @@ class UNISIM_GT_arrow(_Shape, bpy.types.Gizmo):
     __slots__ = ("shape",)
 
     def triangles(self) -> list[tuple[float, float, float]]:
-        """Return an arrow of length 1."""
         return arrow()
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw it."""
         self.draw_custom_shape(self.shape)
 
     def test_select(self, context: bpy.types.Context, location: tuple[int, int]) -> int:
@@ -130,7 +124,6 @@ class UNISIM_GT_speed(bpy.types.Gizmo):
             context.region.tag_redraw()
 
     def test_select(self, context: bpy.types.Context, location: tuple[int, int]) -> int:
-        """Return 0 where the mouse is on the curve, else -1."""
         place = graph_place(context)
         near = HIT_PX * context.preferences.system.ui_scale
         time_s = place.time_at(*location, near) if place is not None else None
@@ -159,7 +152,6 @@ class Handles(GizmosInView):
     colour: ClassVar[tuple[float, float, float]] = KEY_COLOUR
 
     def setup(self: Any, context: bpy.types.Context) -> None:
-        """Make them."""
         self.handles = []
         for _ in range(self.most):
             handle = self.gizmos.new(UNISIM_GT_dot.bl_idname)
@@ -172,7 +164,6 @@ class Handles(GizmosInView):
         raise NotImplementedError
 
     def draw_prepare(self: Any, context: bpy.types.Context) -> None:
-        """Put the handles onto their places."""
         places = list(self.places(context))
         for i, (handle, properties) in enumerate(self.handles):
             handle.hide = i >= len(places)
@@ -190,18 +181,15 @@ class UNISIM_GGT_lane(GizmosInView, bpy.types.GizmoGroup):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """The vehicle has to be seen."""
         seen = context.space_data.show_object_viewport_empty
         return are_shown(context) and seen and next(imported_objects(context.scene, "EGO"), None) is not None
 
     def setup(self, context: bpy.types.Context) -> None:
-        """Make the arrow."""
         self.arrow = self.gizmos.new(UNISIM_GT_arrow.bl_idname)
         self.arrow.target_set_operator("unisim.drag_ego")
         painted(self.arrow, LANE_COLOUR)
 
     def draw_prepare(self, context: bpy.types.Context) -> None:
-        """Put the arrow at the vehicle."""
         ego = next(imported_objects(context.scene, "EGO"), None)
         if ego is not None:
             world = ego.matrix_world
@@ -217,7 +205,6 @@ class UNISIM_GGT_trajectory(Handles, bpy.types.GizmoGroup):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """A moving actor has to be active, selected and drawn with its trajectory."""
         met, _ = moving_actor(context)
         return bool(
             are_shown(context) and met and context.active_object.select_get() and context.scene.unisim.show_ways
@@ -240,12 +227,10 @@ class UNISIM_GGT_speed(bpy.types.GizmoGroup):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """The graph of a moving actor has to be drawn."""
         shown = context.scene.unisim_motion.show_graph and context.space_data.show_gizmo
         return bool(shown and context.mode == "OBJECT" and moving_actor(context)[0])
 
     def setup(self, context: bpy.types.Context) -> None:
-        """Take hold of the curve."""
         self.curve = self.gizmos.new(UNISIM_GT_speed.bl_idname)
         self.curve.target_set_operator("unisim.drag_speed")
         self.curve.use_draw_modal = True
@@ -275,7 +260,6 @@ class UNISIM_GGT_aim(Handles, bpy.types.GizmoGroup):
         super().setup(context)
 
     def places(self, context: bpy.types.Context) -> Iterator[tuple[FloatArray, dict[str, Any]]]:
-        """Yield the place ahead of the sensor, to which the line leads."""
         obj = context.active_object
         if obj is not None and active_sensor(context)[0]:
             target, place = target_of(obj), obj.matrix_world.translation

@@ -14,7 +14,7 @@ from ...bridge.objects.imported import class_of, copy_of, drive_of, imported_obj
 from ...bridge.objects.meshes import size_of
 from ...bridge.objects.trajectories import keyed_pose
 from ...bridge.views.actors import ego_poses, neighbours
-from ...bridge.window import choose, chosen, drive, object_mode, refresh, selected
+from ...bridge.window import choose, chosen, drive, object_mode, selected
 from ...core.actor_images.names import group_of
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
@@ -29,7 +29,7 @@ from ...editing.sampled.clock import Clock
 from ...editing.texts import Text, series
 from ...translations import localized, message
 from ..actors.appearances import choice_of, listed
-from ..operator_bases import Needing, draw_split, in_m_s, in_m_s2, in_metres, in_seconds, reporting
+from ..operator_bases import EditsObjects, Needing, draw_split, in_m_s, in_m_s2, in_metres, in_seconds
 from .drag import Dragged
 from .gizmos import Handles, are_shown
 from .operators import FromTime
@@ -102,11 +102,10 @@ def traffic_of(obj: bpy.types.Object) -> OtherActors:
     return OtherActors(["Ego vehicle", *others], *taken)
 
 
-class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
+class UNISIM_OT_maneuver(FromTime, EditsObjects, bpy.types.Operator):
     """Let the active actor, or a new one, do a maneuver; numbers can be changed afterwards (F9)"""
 
     bl_label = "Maneuver"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, drive)
 
     kind: EnumProperty(
@@ -139,7 +138,6 @@ class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
-        """Return the tooltip of a maneuver."""
         return KINDS[properties.kind].about
 
     def settings(self, **given: Any) -> dict[str, Any]:
@@ -153,7 +151,6 @@ class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
         return values
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the numbers of the maneuver."""
         draw_split(self)
         for name in self.settings():
             if name == "first_s":
@@ -169,8 +166,7 @@ class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
         values = {"type": self.kind.lower(), "at_s": numbers.pop("first_s"), **numbers}
         return values if side == "OWN" else {**values, "side": side.lower()}
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         """Let it do the maneuver, with the first numbers for which there is room where none were given."""
         source = source_of(context.scene)
         clock, actors = Clock.of(source.drive), chosen(context, "ACTOR")
@@ -194,8 +190,7 @@ class UNISIM_OT_maneuver(FromTime, Needing, bpy.types.Operator):
             changed = [active if self.who == "SELECTED" else self.inserted(context, groups)]
         if self.kind != "PLATOON":
             self.report_on(changed[0], self.maneuver(context, changed[0]))
-        refresh(changed)
-        return {"FINISHED"}
+        return changed
 
     def maneuver(self, context: bpy.types.Context, obj: bpy.types.Object) -> Any:
         """Let an object do the maneuver, and return how; the first time, the first numbers with room are chosen."""
@@ -376,11 +371,9 @@ class UNISIM_OT_drag_maneuver(Needing, Dragged, bpy.types.Operator):
             self.before.apply(self.values)
 
     def restore(self) -> None:
-        """Do the maneuver as it was."""
         self.before.apply(self.values)
 
     def said(self, context: bpy.types.Context) -> str:
-        """Return what it does."""
         note = ManeuverNote.of(self.subject(context).unisim.maneuvers)
         assert note is not None  # it was just noted
         return self.fault or series([self.subject(context).name, maneuver_words(note.edits(self.before.uid)[-1])], ": ")
@@ -394,12 +387,10 @@ class UNISIM_GGT_maneuver(Handles, bpy.types.GizmoGroup):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """An actor with a maneuver has to be active and selected."""
         obj = context.active_object
         return bool(are_shown(context) and obj is not None and obj.unisim.maneuvers and obj.select_get())
 
     def places(self, context: bpy.types.Context) -> Iterator[tuple[FloatArray, dict[str, Any]]]:
-        """Yield the places above the actor."""
         obj, recorded = context.active_object, drive_of(context.scene)
         if obj is not None and recorded is not None:
             yield from ((place, {"number": name}) for name, place in maneuver_handles(obj, Clock.of(recorded)))

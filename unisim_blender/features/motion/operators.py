@@ -11,7 +11,7 @@ from ...bridge.changes.motion import displaced_along, follow, respeeded, retimed
 from ...bridge.objects.imported import class_of, drive_of, source_of
 from ...bridge.objects.meshes import size_of
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.window import chosen, counted_names, object_mode, refresh, selected
+from ...bridge.window import Need, chosen, counted_names, object_mode, selected
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
 from ...core.world.drive import Drive
@@ -22,7 +22,7 @@ from ...editing.motion.retiming import Retiming, followed, followed_briefly, lat
 from ...editing.sampled.clock import Clock
 from ...editing.texts import UPPER, cased, series
 from ...translations import localized, message
-from ..operator_bases import Editing, Needing, draw_split, in_m_s, in_m_s2, in_metres, in_seconds, reporting
+from ..operator_bases import EditsObjects, draw_split, in_m_s, in_m_s2, in_metres, in_seconds
 
 BRAKING = (
     ("COMFORTABLE", "Comfortable", "As actors of this class brake ordinarily"),
@@ -85,18 +85,17 @@ def curve_line(context: bpy.types.Context, curve: bpy.types.Object) -> FloatArra
     return line
 
 
-class UNISIM_OT_follow_curve(Editing, FromTime, Braking, bpy.types.Operator):
+def one_curve(context: bpy.types.Context) -> Need:
+    """One curve is selected."""
+    curves = [obj for obj in context.selected_objects if obj.type == "CURVE"]
+    return len(curves) == 1, "Select one curve in addition to the actors (Add > Curve)"
+
+
+class UNISIM_OT_follow_curve(FromTime, Braking, EditsObjects, bpy.types.Operator):
     """Move the selected actors along the selected curve, from a time on, and stop them at its end"""
 
     bl_label = "Follow Curve"
-    needs = (
-        object_mode,
-        selected("Select an actor first", "ACTOR"),
-        lambda context: (
-            sum(obj.type == "CURVE" for obj in context.selected_objects) == 1,
-            "Select one curve in addition to the actors (Add > Curve)",
-        ),
-    )
+    needs = (object_mode, selected("Select an actor first", "ACTOR"), one_curve)
 
     speed_m_s: in_m_s("Speed", "Speed along the curve, until it brakes to stop at the end", 8.0, min=0.1, soft_max=40.0)
     length_m: FloatProperty(unit="LENGTH", options={"HIDDEN", "SKIP_SAVE"})
@@ -117,8 +116,7 @@ class UNISIM_OT_follow_curve(Editing, FromTime, Braking, bpy.types.Operator):
         """Return the way of an actor along the curve."""
         return Approach(self.length_m, self.speed_m_s, self.deceleration_of(habits))
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         """Keys along the curve; the actors' undersides are on it."""
         curve = next(obj for obj in context.selected_objects if obj.type == "CURVE")
         line = curve_line(context, curve)
@@ -132,20 +130,18 @@ class UNISIM_OT_follow_curve(Editing, FromTime, Braking, bpy.types.Operator):
             self.speed_m_s = min(each.speed_m_s for each in habits)
         for obj, each in zip(actors, habits, strict=True):
             follow(obj, line, self.start_s(clock), self.way(each), clock)
-        refresh(actors)
         done = followed_briefly(self.way(habits[0]), self.start_s(clock), clock)
         self.report({"INFO"}, localized(series([counted_names(actors), done], ": ")))
-        return {"FINISHED"}
+        return actors
 
 
-class UNISIM_OT_snap_to_ground(Editing, bpy.types.Operator):
+class UNISIM_OT_snap_to_ground(EditsObjects, bpy.types.Operator):
     """Place the selected actors and static items on the ground below them, at the current frame"""
 
     bl_label = "Snap to Ground"
     needs = (object_mode, selected("Select an actor or a static item first", "ACTOR", "STATIC"))
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         """Up or down along the box's own axis."""
         source = source_of(context.scene)
         for obj in chosen(context, "ACTOR", "STATIC"):
@@ -156,8 +152,7 @@ class UNISIM_OT_snap_to_ground(Editing, bpy.types.Operator):
                 self.report({"WARNING"}, message("{name}: the ground height is unknown there", name=obj.name))
             else:
                 displaced_along(obj, (0.0, 0.0, ground - low[2]))
-        refresh(chosen(context, "ACTOR", "STATIC"))
-        return {"FINISHED"}
+        return chosen(context, "ACTOR", "STATIC")
 
 
 MODES = (
@@ -178,11 +173,10 @@ NEEDED = {
 }
 
 
-class UNISIM_OT_retime_actor(FromTime, Braking, Needing, bpy.types.Operator):
+class UNISIM_OT_retime_actor(FromTime, Braking, EditsObjects, bpy.types.Operator):
     """Change when the selected actors are where on their trajectories"""
 
     bl_label = "Retime Actor"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, selected("Select an actor first", "ACTOR"))
 
     mode: EnumProperty(name="Mode", description="Kind of time change", items=MODES, default="DELAY")
@@ -191,7 +185,6 @@ class UNISIM_OT_retime_actor(FromTime, Braking, Needing, bpy.types.Operator):
     last_s: in_seconds("To", "End time, in seconds of the log", 2.0)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Show what the chosen mode needs, in seconds and in frames."""
         self.layout.prop(self, "mode")
         for name in NEEDED[self.mode]:
             self.layout.prop(self, name)
@@ -207,9 +200,7 @@ class UNISIM_OT_retime_actor(FromTime, Braking, Needing, bpy.types.Operator):
         """Return the change as it is set."""
         return Retiming(self.mode, self.seconds, self.speed, self.start_s(clock), self.last_s)
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Move keys."""
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         drive, actors = source_of(context.scene).drive, chosen(context, "ACTOR")
         clock = Clock.of(drive)
         self.start_at(context.scene, clock)
@@ -221,12 +212,11 @@ class UNISIM_OT_retime_actor(FromTime, Braking, Needing, bpy.types.Operator):
                 message("From ({first:g} s) must be earlier than To ({last:g} s)", first=self.first_s, last=self.last_s)
             )
         hardest = max(self.retime(obj, retiming, drive, clock) for obj in actors)
-        refresh(actors)
         done = [retiming.summary(clock)]
         if hardest > HARDER * self.deceleration_of(actor_habits(actors[0], drive)):
             done.append(describe("acceleration_m_s2", hardest if self.speed > 1 else -hardest))
         self.report({"INFO"}, localized(series([counted_names(actors), series(done)], ": ")))
-        return {"FINISHED"}
+        return actors
 
     def retime(self, obj: bpy.types.Object, retiming: Retiming, drive: Drive, clock: Clock) -> float:
         """Move an actor's keys, and return by how much it brakes or speeds up at most."""
@@ -254,7 +244,7 @@ class UNISIM_OT_retime_actor(FromTime, Braking, Needing, bpy.types.Operator):
         return 0.0 if change is None else change.hardest_m_s2
 
 
-class UNISIM_OT_shift_actor(Editing, bpy.types.Operator):
+class UNISIM_OT_shift_actor(EditsObjects, bpy.types.Operator):
     """Shift the selected actors sideways, along the path of their trajectory and in time, alike at every time"""
 
     bl_label = "Shift Actor"
@@ -276,21 +266,17 @@ class UNISIM_OT_shift_actor(Editing, bpy.types.Operator):
     )  # fmt: skip
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the three amounts, and how many frames the seconds are."""
         draw_split(self, "left_m", "ahead_m", "later_s")
         drive = drive_of(context.scene)
         if drive is not None:
             self.layout.label(text=localized(later_or_earlier(self.later_s, Clock.of(drive))), translate=False)
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Shift each and report what was done."""
+    def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         drive = source_of(context.scene).drive
         actors = chosen(context, "ACTOR")
         said = [sentence for obj in actors if (sentence := shift(obj, self.left_m, self.ahead_m, self.later_s, drive))]
-        refresh(actors)
         summary = localized(said[0]) if said else message("Nothing is shifted: all amounts are 0")
         if len(said) > 1:
             summary = message("{sentence} (and {count} more)", sentence=summary, count=len(said) - 1)
         self.report({"INFO"}, summary)
-        return {"FINISHED"}
+        return actors

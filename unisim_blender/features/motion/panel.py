@@ -5,9 +5,10 @@ import bpy
 
 from ...bridge.sampling.stepping import frame_of
 from ...editing.layout.speed_graph import values
+from ...editing.motion.kinematics import QUANTITIES
 from ...translations import localized
 from ..sidebar import DrivePanel, row_of, settings_column
-from .properties import NAMES, graph_of
+from .properties import graph_of
 
 ROWS = ("Speed", "Acceleration", "Lateral", "Curvature")
 
@@ -20,7 +21,6 @@ class UNISIM_PT_motion(DrivePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the values, red where they exceed a limit, the limits, and the graph's switch."""
         layout, scene = self.layout, context.scene
         graph = graph_of(context)
         texts = values(graph, frame_of(scene))[1:] if graph is not None else []
@@ -33,5 +33,5 @@ class UNISIM_PT_motion(DrivePanel, bpy.types.Panel):
         layout.prop(scene.unisim_motion, "show_graph")
         column = settings_column(layout, align=True)
         column.label(text="Limits of vehicles")
-        for name in NAMES:
+        for name in QUANTITIES:
             column.prop(scene.unisim_motion, name)

@@ -7,7 +7,7 @@ from bpy.props import BoolProperty, FloatProperty, PointerProperty
 
 from ...bridge.objects.imported import drive_of
 from ...bridge.views.trails import compared_now
-from ...editing.motion.kinematics import Limits, MotionComparison
+from ...editing.motion.kinematics import QUANTITIES, Limits, MotionComparison
 from ...editing.sampled.clock import Clock
 
 DEFAULT = Limits()
@@ -62,7 +62,7 @@ def limits_of(scene: bpy.types.Scene) -> Limits:
     """Return the limits that a scene has; one whose property was never changed has the default exactly."""
     motion = scene.unisim_motion
     return Limits(
-        *(getattr(motion, name) if motion.is_property_set(name) else getattr(DEFAULT, name) for name in NAMES)
+        *(getattr(motion, name) if motion.is_property_set(name) else getattr(DEFAULT, name) for name in QUANTITIES)
     )
 
 
@@ -76,5 +76,4 @@ def graph_of(context: bpy.types.Context) -> MotionComparison | None:
     return None if drive is None else compared_now(obj, drive, Clock.of(drive), limits_of(context.scene))
 
 
-NAMES = ("acceleration_m_s2", "lateral_m_s2", "curvature_1_m")
 PROPERTIES = ((bpy.types.Scene, "unisim_motion", PointerProperty(type=UniSimMotion)),)

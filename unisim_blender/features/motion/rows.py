@@ -16,7 +16,7 @@ from ...bridge.objects.meshes import size_of
 from ...bridge.objects.trajectories import trajectory_of
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.views.actors import neighbours
-from ...bridge.window import Need, choose, drive, object_mode, refresh
+from ...bridge.window import Need, choose, drive, object_mode
 from ...core.actor_images.names import group_of
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
@@ -30,7 +30,7 @@ from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import rigid
 from ...editing.texts import Text, free_name, series
 from ...translations import localized, message
-from ..operator_bases import Needing, draw_split, in_metres, reporting
+from ..operator_bases import EditsObjects, Needing, draw_split, in_metres
 from .drag import STEP_M, Dragged
 from .gizmos import HANDLE, Handles, are_shown
 from .operators import curve_line
@@ -73,10 +73,9 @@ def curve_points(context: bpy.types.Context) -> tuple[tuple[float, float, float]
     return tuple((x, y, z) for x, y, z in curve_line(context, curve).round(4).tolist())
 
 
-class PlacesRow(Needing):
+class PlacesRow(EditsObjects):
     """Base of operators that put copies of what stands into a row."""
 
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, drive)
     back = 0
     """Number of places by which the row may begin earlier than at first."""
@@ -123,8 +122,7 @@ class PlacesRow(Needing):
         best = int((free - FAR * np.abs(np.arange(len(free)) - before + 0.1)).argmax())
         self.start_m, self.end_m = (float(end + (best - before) * step) for end in (self.start_m, self.end_m))
 
-    @reporting
-    def execute(self: Any, context: bpy.types.Context) -> set[str]:
+    def edit(self: Any, context: bpy.types.Context) -> list[bpy.types.Object] | set[str]:
         """Put the row there and select it; numbers that are not given are those of `begin`."""
         scene, recorded = context.scene, source_of(context.scene).drive
         obj = scene.objects.get(self.source) or self.found(context, recorded)
@@ -148,9 +146,8 @@ class PlacesRow(Needing):
         if not placed:
             raise UnisimError(message("something else stands at all places"))
         choose(context, *placed)
-        refresh(placed)
         self.report({"INFO"}, localized(row_words(row, len(placed))))
-        return {"FINISHED"}
+        return placed
 
     def row(self: Any, context: bpy.types.Context, obj: bpy.types.Object, recorded: Drive) -> Row:
         """Return the row as it is set."""
@@ -163,7 +160,6 @@ class PlacesRow(Needing):
         return Row(obj.unisim.uid, self.id, **metres_of, count=count, along=along, path=path)
 
     def without(self: Any, context: bpy.types.Context) -> set[str]:
-        """Say what is needed."""
         raise UnisimError(message("select a car or another actor that stands"))
 
 
@@ -294,14 +290,12 @@ class UNISIM_OT_drag_row(Needing, Dragged, bpy.types.Operator):
         self.origin = ends(context)[self.is_end]
 
     def follow(self, context: bpy.types.Context, pressed: FloatArray, mouse: FloatArray, in_steps: bool) -> None:
-        """Set the end to where the mouse moved it on the ground."""
         moved = self.dragged(context, pressed, mouse)
         if moved is not None:
             gone, left, _ = self.course.nearest(self.origin + moved)
             self.at_m = [stepped(gone, STEP_M, in_steps), stepped(left, STEP_M, in_steps)]
 
     def apply(self, context: bpy.types.Context) -> None:
-        """Arrange the row between its ends."""
         gone, left = (round(value, 3) for value in self.at_m)
         row = self.before
         end_left_m = row.left_m if row.end_left_m is None else row.end_left_m
@@ -321,14 +315,12 @@ class UNISIM_OT_drag_row(Needing, Dragged, bpy.types.Operator):
         """Nothing is put back between two places of the mouse."""
 
     def put_back(self, context: bpy.types.Context) -> set[str]:
-        """Put the row back where it stood."""
         if self.moved:
             self.arrange(context, self.before)
         self.let_go(context)
         return {"CANCELLED"}
 
     def said(self, context: bpy.types.Context) -> str:
-        """Return how the row stands."""
         return row_words(self.now, len(members(context.scene, self.now)))
 
 
@@ -356,10 +348,8 @@ class UNISIM_GGT_row(Handles, bpy.types.GizmoGroup):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """An actor of a row has to be active and selected."""
         return bool(are_shown(context) and in_row(context)[0] and context.active_object.select_get())
 
     def places(self, context: bpy.types.Context) -> Iterator[tuple[FloatArray, dict[str, Any]]]:
-        """Yield the places of both ends."""
         if in_row(context)[0]:
             yield from ((place, {"is_end": bool(is_end)}) for is_end, place in enumerate(ends(context)))

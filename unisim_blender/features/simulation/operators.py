@@ -246,7 +246,6 @@ class UNISIM_OT_sort_rollouts(bpy.types.Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
-        """What the score means."""
         return tooltip(COLUMNS[properties.column].about) if properties.column >= 0 else ""
 
     def execute(self, context: bpy.types.Context) -> set[str]:

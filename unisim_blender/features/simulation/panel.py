@@ -33,7 +33,6 @@ class UNISIM_PT_simulation(DrivePanel, bpy.types.Panel):
     tasks = ("SIMULATE",)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the settings, what runs, and what can be done with a rollout."""
         layout, scene = self.layout, context.scene
         about = scene.unisim_simulation
         column = settings_column(layout)
@@ -131,7 +130,6 @@ class UNISIM_PT_scores(DrivePanel, bpy.types.Panel):
     bl_parent_id = "UNISIM_PT_simulation"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the button that opens the rollout, what is drawn of it, its name and its scores."""
         layout, scene = self.layout, context.scene
         about = scene.unisim_simulation
         folder = Path(bpy.path.abspath(about.scored)) if about.scored else None

@@ -196,7 +196,6 @@ class UNISIM_OT_compare_variant(bpy.types.Operator):
     name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Note which; the panel lists what differs."""
         manager = context.window_manager
         manager.unisim_compared = "" if manager.unisim_compared == self.name else self.name
         redraw("VIEW_3D")

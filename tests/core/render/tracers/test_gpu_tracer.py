@@ -209,6 +209,23 @@ def test_images_beside_the_compiled_tracer(launches: list[str], tmp_path: Path, 
     assert stats[0].samples_saved > 0
 
 
+@pytest.mark.parametrize("lens", ("rows", "fisheye"))
+def test_images_whose_cells_are_several_pixels(launches: list[str], tmp_path: Path, lens: str) -> None:
+    drive = moving(edited(), LENSES[lens])
+    several = dataclasses.replace(SINGLE, upsample=3)
+    frames = [
+        DriveFrames(Renderer(backend), drive).camera("front", 2, CAMERA_PASSES, None, region)
+        for backend in both(saved(tmp_path / "scene", several))
+        for region in (None, Region(7, 5, 30, 21))
+    ]
+    assert launches.count("unisim_begin_image") == 2
+    for fast, slow in zip(map(passes_of, frames[:2]), map(passes_of, frames[2:]), strict=True):
+        for name, values in slow.items():
+            assert fast[name].shape == values.shape and fast[name].dtype == values.dtype, name
+            a, b = (x.astype(float).reshape(-1, values[0, 0].size) for x in (fast[name], values))
+            assert (~(np.isclose(a, b, rtol=5e-3, atol=5e-3) | (a == b)).all(1)).sum() <= 9 * FEW, name
+
+
 def test_an_image_of_the_sample(launches: list[str]) -> None:
     sample = Path(__file__).parents[4] / "sample" / "scene"
     fast, slow = (

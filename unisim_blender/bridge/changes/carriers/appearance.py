@@ -26,7 +26,6 @@ class AppearanceCarrier(Carrier):
     name = "appearance"
 
     def apply(self, obj: bpy.types.Object, edited: Edited) -> None:
-        """Note an appearance that is not the object's own, and give the object that one's box."""
         actor = edited.actor
         if edited.own_appearance is None or (actor.appearance.actor, actor.appearance.scene) == (
             edited.own_appearance,
@@ -39,25 +38,21 @@ class AppearanceCarrier(Carrier):
     def mute(
         self, scene: bpy.types.Scene, source: DriveSource, item: Any, line: EditLine, obj: bpy.types.Object | None
     ) -> None:
-        """Keep the names."""
         assert obj is not None  # the line is of an object
         item.look, item.look_scene = obj.unisim.look, obj.unisim.look_scene
         self.revert(scene, source, line, obj)
 
     def unmute(self, scene: bpy.types.Scene, source: DriveSource, muted: Muted, now: bpy.types.Object | None) -> None:
-        """Give the object the appearance again."""
         assert now is not None  # a removal conflicts, and is muted by now
         set_appearance(now, source.drive, muted.look, muted.look_scene)
         refresh([now])
 
     def revert(self, scene: bpy.types.Scene, source: DriveSource, line: EditLine, obj: bpy.types.Object | None) -> None:
-        """Give the object its own appearance."""
         assert obj is not None
         set_appearance(obj, source.drive, "", "")
         refresh([obj])
 
     def keep(self, now: bpy.types.Object, parked: bpy.types.Object) -> None:
-        """The actor's appearance, on the same ground."""
         if (now.unisim.look, now.unisim.look_scene) == (parked.unisim.look, parked.unisim.look_scene):
             return
         rise = (float(extent_of(now)[2]) - float(extent_of(parked)[2])) / 2

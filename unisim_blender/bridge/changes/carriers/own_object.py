@@ -39,7 +39,6 @@ class ObjectCarrier(Carrier):
         refresh([])
 
     def unmute(self, scene: bpy.types.Scene, source: DriveSource, muted: Muted, now: bpy.types.Object | None) -> None:
-        """Put the object where it stood."""
         assert muted.parked is not None
         for part in with_parts(muted.parked):
             (muted.collection or collection_of(scene, muted.kind)).objects.link(part)
@@ -47,7 +46,6 @@ class ObjectCarrier(Carrier):
         refresh([muted.parked])
 
     def revert(self, scene: bpy.types.Scene, source: DriveSource, line: EditLine, obj: bpy.types.Object | None) -> None:
-        """Delete the object."""
         assert obj is not None
         delete(scene, obj)
 
@@ -55,9 +53,7 @@ class ObjectCarrier(Carrier):
 def delete(scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
     """Delete an object with its parts; an active camera makes way for the one that looks ahead."""
     was_active = scene.camera == obj
-    for part in with_parts(obj)[1:]:
-        bpy.data.objects.remove(part)
-    remove(obj)
+    discard(obj)
     if was_active:
         scene.camera = front_camera(scene)
         fit_resolution(scene)
@@ -68,11 +64,11 @@ def with_parts(obj: bpy.types.Object) -> list[bpy.types.Object]:
     return [obj, *(obj.children_recursive if obj.unisim.mesh else ())]
 
 
-def discard(parked: bpy.types.Object) -> None:
-    """Delete an object that is in no scene, with its parts and its trajectory."""
-    for part in with_parts(parked)[1:]:
+def discard(obj: bpy.types.Object) -> None:
+    """Delete an object, with its parts and its trajectory."""
+    for part in with_parts(obj)[1:]:
         bpy.data.objects.remove(part)
-    remove(parked)
+    remove(obj)
 
 
 def note_collection(scene: bpy.types.Scene, item: Any, obj: bpy.types.Object) -> None:

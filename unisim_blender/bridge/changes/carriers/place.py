@@ -8,13 +8,12 @@ from typing import Any
 
 import bpy
 import numpy as np
-from mathutils import Matrix
 
 from ....editing.edits.lines import PARTS, EditLine
 from ....editing.sampled.clock import Clock
 from ....editing.sampled.source import DriveSource
 from ...importing.drive import animate, fit_resolution, go, import_object
-from ...objects.imported import STATIC_LABEL, as_imported, box_mesh, collection_of, make
+from ...objects.imported import STATIC_LABEL, as_imported, box_mesh, collection_of, make, stand_at
 from ...objects.meshes import extent_of
 from ...objects.trajectories import remove, trajectory_of
 from ...sampling.stepping import shown_names
@@ -32,7 +31,6 @@ class PlaceCarrier(Carrier):
     name = "place"
 
     def apply(self, obj: bpy.types.Object, edited: Edited) -> None:
-        """Let the object go where the actor goes."""
         go(obj, edited.actor, edited.drive, edited.clock)
 
     def mute(
@@ -127,7 +125,7 @@ def _item(scene: bpy.types.Scene, uid: str, obj: bpy.types.Object | None) -> bpy
         obj = make(scene, "STATIC", uid, uid, box_mesh(np.array(marked["size_m"]), STATIC_LABEL))
         obj.show_wire, obj.unisim.model = True, json.dumps(marked)
     obj.parent, obj.rotation_mode = None, "QUATERNION"
-    obj.location, obj.rotation_quaternion, _ = Matrix(marked["world_from_box"]).decompose()
+    stand_at(obj, marked["world_from_box"])
     return obj
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ...batch.manifest import whole_place
 from ...batch.plan import MOMENTS_PER_UNIT
 from ...batch.schedulers import SCHEDULERS, ShardedBatch
 from ...batch.status import clock_text
@@ -256,7 +257,7 @@ def _label(text: str) -> str:
 def _words(context: click.Context) -> Iterator[str]:
     """Yield the command as it was given, with whole paths, for another folder and machine."""
     yield from ("unisim", "batch")
-    yield from (_whole(name) for name in context.params["jobs_"])
+    yield from (whole_place(name) for name in context.params["jobs_"])
     for option in context.command.params:
         source = context.get_parameter_source(option.name or "")
         if not isinstance(option, click.Option) or option.name in _OTHERWISE:
@@ -269,8 +270,4 @@ def _words(context: click.Context) -> Iterator[str]:
             continue
         for item in value if option.multiple else (value,):
             yield option.opts[0]
-            yield _whole(item) if isinstance(item, Path) or option.name == "out" else str(item)
-
-
-def _whole(place: str | Path) -> str:
-    return str(place) if "://" in str(place) else str(Path(place).absolute())
+            yield whole_place(item) if isinstance(item, Path) or option.name == "out" else str(item)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -70,10 +71,6 @@ def command(
     driver_ca: Path | None,
     out: Path,
     seed: int | None,
-    start_s: float | None,
-    duration_s: float | None,
-    step_s: float | None,
-    delay_s: float | None,
     actors: str | None,
     options: RenderOptions,
     formats: tuple[str, ...],
@@ -81,6 +78,7 @@ def command(
     rollouts: int | None,
     jobs: int,
     resume: bool,
+    **times_s: Any,
 ) -> None:
     """Let a driver drive through SCENARIO, or a log: what it did and saw, and the scenario that it made."""
     from ...scenario.simulation import OTHER_ACTORS, SimulationSpec
@@ -90,7 +88,7 @@ def command(
     from ...simulation.scores.summary import score_table
 
     models = None if actors is None else {OTHER_ACTORS: {"type": actors}}
-    asked = SimulationSpec(start_s, duration_s, step_s, delay_s, seed, actors=models)
+    asked = SimulationSpec(**times_s, seed=seed, actors=models)
     if driver_ca is not None and driver_address is None:
         raise UnisimError(f"--driver-ca {driver_ca}: needs --driver-address")
     endpoint = None if driver_address is None else Endpoint(driver_address, driver_ca)

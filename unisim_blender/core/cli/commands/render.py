@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -86,8 +87,6 @@ MOST_JOBS = 8
 def command(
     scenario: Path | str,
     out: Path,
-    frames: str | None,
-    times: str | None,
     passes: str | None,
     options: RenderOptions,
     max_error: tuple[str, ...],
@@ -96,16 +95,12 @@ def command(
     resume: bool,
     formats: tuple[str, ...],
     video: bool,
-    draw: int | None,
-    sources: str | None,
+    **more: Any,
 ) -> None:
     """Render SCENARIO's sensors, or a log's, into a folder: images, sweeps, labels and a manifest."""
     if options.quality and max_error:
         raise UnisimError(f"--quality {options.quality} and --max-error {max_error[0]}: give one of the two")
-    bounds = parse_bounds(max_error)
-    options = replace(
-        options, frames=frames, times=times, passes=pass_names(passes), draw=draw, max_error=bounds, sources=sources
-    )
+    options = replace(options, passes=pass_names(passes), max_error=parse_bounds(max_error), **more)
     plan, prepared = plan_scenario(scenario, options)
     wanted = {*sequence_formats(prepared.scenario), *formats, *(("video",) if video else ())}
     check_formats(wanted, plan.settings, scenario)

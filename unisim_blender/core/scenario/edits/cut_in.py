@@ -71,10 +71,8 @@ class CutInManeuver(Maneuver):
         own, times = own_course(actor, self.at_s, place), frame_times(context, self.at_s)
         here = actor.world_from_actor.at(self.at_s)[:3, 3]
         gone, left, up = ego.nearest(here)
-        (_, (course_heading,)), (_, (heading,)) = (
-            own.beside(own.gone(np.array([self.at_s]))),
-            ego.beside(np.array([gone])),
-        )
+        (_, (course_heading,)) = own.beside(own.gone(np.array([self.at_s])))
+        (_, (heading,)) = ego.beside(np.array([gone]))
         turned = (course_heading - heading + np.pi) % (2 * np.pi) - np.pi
         front = gone - float(ego.gone(self.at_s)) - ahead
         where = (

@@ -56,10 +56,8 @@ class Ego(Edit):
         if self.shift is None:
             times, left = np.array([min(drive.time_s.values())]), np.array([float(self.shift_left_m or 0.0)])
         else:
-            times, left = (
-                context.key_times(self.shift, f"{place}.shift"),
-                np.array([key.left_m for key in self.shift], float),
-            )
+            times = context.key_times(self.shift, f"{place}.shift")
+            left = np.array([key.left_m for key in self.shift], float)
 
         def offset_at(t: FloatArray) -> FloatArray:
             shift = np.interp(t, times, left)

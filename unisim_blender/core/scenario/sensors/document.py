@@ -13,7 +13,7 @@ from ..json_schema import (
     POSITIVE,
     TEXT,
     NotNegative,
-    Pixels,
+    PixelCount,
     Positive,
     Schema,
     SchemaOf,
@@ -78,8 +78,8 @@ class CameraSpec(SensorPlace):
 
     id: Name
     like: str | None = None
-    width: Pixels | None = None
-    height: Pixels | None = None
+    width: PixelCount | None = None
+    height: PixelCount | None = None
     fx: Positive | None = None
     fy: Positive | None = None
     cx: float | None = None

@@ -109,10 +109,8 @@ def span_us(drive: Drive, scenario: Scenario, spec: SimulationSpec, kind: Driver
     """Return from when to when a simulation lasts, microseconds. Raises `ScenarioError` for times outside the recording, but for
     those after it where the scenario says what the ego vehicle does there and the driver follows no log."""
     first_us, last_us = recording_us(drive)
-    span, place = (
-        f"the recording, {first_us / US_PER_SECOND:g} … {last_us / US_PER_SECOND:g} s",
-        f"{scenario.path}: simulation",
-    )
+    span = f"the recording, {first_us / US_PER_SECOND:g} … {last_us / US_PER_SECOND:g} s"
+    place = f"{scenario.path}: simulation"
     start_us = first_us if spec.start_s is None else microseconds(spec.start_s)
     stop_us = last_us if spec.duration_s is None else start_us + microseconds(spec.duration_s)
     if not first_us <= start_us < last_us:

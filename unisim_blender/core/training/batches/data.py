@@ -196,6 +196,16 @@ class CameraData:
         counts = sums[edge:, edge:] - sums[:-edge, edge:] - sums[edge:, :-edge] + sums[:-edge, :-edge]
         return (counts >= least_shown * edge * edge) & (np.arange(rows)[:, None] < room)
 
+    def corners(self, name: str, edge: int) -> NDArray[np.int32]:
+        """Return where upper left corners of patches of a camera may lie, row * (width - edge + 1) + column: those that
+        `patches` draws. Raises `LogError` where there is none."""
+        camera = self.cameras[name]
+        room, rows = self._room(camera, edge, LEAST_SHOWN), max(0, camera.model.height - edge + 1)
+        corners = np.flatnonzero(np.arange(rows)[:, None] < room if room.ndim == 1 else room)
+        if not len(corners):
+            raise LogError(f"{self._log.path}: no patch of {edge} pixels of camera {name} shows the scene")
+        return corners.astype(np.int32)
+
     def _corners(
         self, rng: np.random.Generator, number: int, camera: Camera, edge: int, count: int
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -59,12 +59,13 @@ class PixelChoice:
         parts = [np.insert(of_room[id(room)], 0, view, 1) for view, room in enumerate(rooms)]
         self.view, self.x, self.y, self.width, self.height = np.concatenate(parts).T
         area = (self.width * self.height).astype(np.float64)
-        self._even = area / area.sum()
+        self.even = area / area.sum()
+        self._on_device: Tensor | None = None
         self._error = np.full(len(area), FIRST_ERROR)
 
     def draw(self, rng: np.random.Generator, count: int, views: NDArray[np.int64] | None = None) -> PixelDraw:
         """``count`` pixels, of some views (K,) alone where they are given."""
-        even = self._even
+        even = self.even
         if views is not None:
             allowed = np.zeros(int(self.view.max()) + 1 if len(self.view) else 0, bool)
             allowed[views[views < len(allowed)]] = True
@@ -87,10 +88,17 @@ class PixelChoice:
 
     def state(self) -> dict[str, Tensor]:
         """Return the tensors that a checkpoint stores."""
-        return {"error": torch.as_tensor(self._error)}
+        return {"error": torch.as_tensor(self._error) if self._on_device is None else self._on_device}
 
     def load_state(self, state: dict[str, Tensor]) -> None:
         self._error = state["error"].numpy().astype(np.float64).reshape(self._error.shape)
+        if self._on_device is not None:
+            self._on_device.copy_(torch.as_tensor(self._error))
+
+    def to(self, device: str) -> Tensor:
+        """Return the blocks' errors on a device, where they are kept from now on."""
+        self._on_device = torch.as_tensor(self._error).to(device)
+        return self._on_device
 
 
 def _blocks(room: NDArray[np.int64], edge: int) -> NDArray[Any]:

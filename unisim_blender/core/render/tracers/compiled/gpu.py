@@ -50,7 +50,7 @@ MAX_WIDTH = 128
 """Largest width of a decoder's layer in native/cuda/field.h."""
 LAUNCHES = 64
 """Number of times that an image's pixels can be traced."""
-GRID_PX = 16
+GRID_PX = 32
 """Distance of the pixels by whose rays actors are culled."""
 MAX_LENS_TABLES = 8
 """Largest number of cameras whose lenses' directions stay on the GPU."""
@@ -89,7 +89,8 @@ class ImageInputsStruct(ctypes.Structure):
     """`ImageInputs` in native/cuda/image.h."""
 
     _fields_ = [
-        *((name, ctypes.c_int32) for name in ("height", "width", "top", "left", "lens_width", "reads_columns")),
+        *((name, ctypes.c_int32) for name in ("height", "width", "top", "left", "up")),
+        *((name, ctypes.c_int32) for name in ("lens_width", "reads_columns")),
         *((name, ctypes.c_double) for name in ("fx", "fy", "cx", "cy")),
         *((name, ctypes.c_void_p) for name in ("lens", "poses", "line_times")),
         ("axis", ctypes.c_double * 3),
@@ -181,11 +182,11 @@ class GpuScene:
 
     @cached_property
     def decodes(self) -> bool:
-        """Whether the GPU decodes its images: pixels by their own features, by layers that a thread has room for."""
+        """Whether the GPU decodes its images: cells by their own features, by layers that a thread has room for."""
         scene = self.scene
         head, layers, _referenced = scene.decoder.network(-1)
         widest = _widest([*(LayerStruct * head.count).from_address(head.layers), *layers])
-        return scene.config.upsample == 1 and scene.decoder.reach == 0 and widest <= MAX_WIDTH
+        return scene.decoder.reach == 0 and widest <= MAX_WIDTH
 
     @cached_property
     def observed(self) -> int:
@@ -199,7 +200,10 @@ class GpuScene:
         key = replace(model, shutter=RollingShutter())
         if key not in self._lenses:
             memory = GpuMemory(self.gpu)
-            self._lenses[key] = memory, memory.upload(doubles(pixel_directions(model, *pixel_grid(model))))
+            self._lenses[key] = (
+                memory,
+                memory.upload(doubles(pixel_directions(model, *pixel_grid(model, self.scene.config.upsample)))),
+            )
             if len(self._lenses) > MAX_LENS_TABLES:
                 del self._lenses[next(iter(self._lenses))]
         return self._lenses[key][1]
@@ -325,7 +329,8 @@ class GpuTracer(CompiledTracer):
         stats: RenderStats,
     ) -> Maps | None:
         """Return colours, passes, and what depths are multiplied by along the optical axis, "along", of an image's rows
-        and columns ``cells``, (h w, ...), traced from a lattice of ``size``; None where the GPU cannot finish the image.
+        and columns ``cells``, (h w, ...), traced from a lattice of ``size``; None where the GPU cannot finish the image. Where a
+        cell is several pixels, its colours are theirs: (h w, up up 3), as they lie in the image of (h up, w up).
         """
         scene, (rows, columns) = self._scenes[0], cells
         if self.space is not None or self._foreign or not scene.decodes:
@@ -413,22 +418,23 @@ class LatticeImage:
     ) -> None:
         self._memory, self._gpu, self._tracer, self._passes = memory, memory.gpu, tracer, passes
         (rows, columns), model, scene = cells, camera.model, tracer._scenes[0]
+        self._up = up = tracer.upsample
         self._shape = shape = rows.stop - rows.start, columns.stop - columns.start
         self._pixels = n = shape[0] * shape[1]
         by_columns = model.shutter.axis == "columns"
         lines = columns if by_columns else rows
         moments = np.broadcast_to(
-            line_times(camera, time_s, np.arange(lines.start, lines.stop) + 0.5), lines.stop - lines.start
+            line_times(camera, time_s, (np.arange(lines.start, lines.stop) + 0.5) * up), lines.stop - lines.start
         )
         poses = camera.world_from_camera.at(moments)[:, :3]
         self.sound = bool(np.isfinite(poses).all() and np.abs(poses[:, :, 3]).max() < MAX_DISTANCE_M)
         if not self.sound:
             return
-        self._grid = grid = _sparse_rays(camera, time_s, rows, columns)
-        active, self._skipped = tracer._active(memory, grid, 2 * GRID_PX / least_pixels_per_rad(model))
+        self._grid = grid = _sparse_rays(camera, time_s, rows, columns, up)
+        active, self._skipped = tracer._active(memory, grid, 2 * GRID_PX * up / least_pixels_per_rad(model))
         origins, directions, times = (memory.allocate(8 * n * width) for width in (3, 3, 1))
         order = memory.allocate(8 * n)
-        self._at = {"rgb": memory.allocate(12 * n)}
+        self._at = {"rgb": memory.allocate(12 * n * up**2)}
         names = passes | ({"depth", "instance"} if "unsupported" in passes else set()) | {"opacity"}
         for name in sorted(names):
             _, width, kind = PASSES[name]
@@ -443,7 +449,7 @@ class LatticeImage:
             _, width, kind = PASSES[name]
             planes.append(PlaneStruct(self._at[name], width, np.dtype(kind).itemsize, MAP_KINDS.get(name, 3)))
         self._image = ImageInputsStruct(
-            *shape, rows.start, columns.start, model.width, by_columns, model.fx, model.fy, model.cx, model.cy,
+            *shape, rows.start, columns.start, up, -(-model.width // up), by_columns, model.fx, model.fy, model.cx, model.cy,
             scene.lens(model), memory.upload(doubles(poses)), memory.upload(doubles(moments)),
             (ctypes.c_double * 3)(*camera.world_from_camera.at(time_s)[:3, 2]), origins, directions, times,
             head, convolutions, count, size, memory.upload((PlaneStruct * len(planes))(*planes)), len(planes),
@@ -504,7 +510,7 @@ class LatticeImage:
         """Return the finished passes; None where a thread's room did not suffice."""
         maps: Maps = {}
         for name in ("rgb", *sorted(self._passes), *(("along",) if "depth" in self._passes else ())):
-            _, width, kind = PASSES.get(name, ("", 3 if name == "rgb" else 1, np.float32))
+            _, width, kind = PASSES.get(name, ("", 3 * self._up**2 if name == "rgb" else 1, np.float32))
             maps[name] = self._gpu.pinned((self._pixels, width) if width > 1 else (self._pixels,), kind)
             self._gpu.copy(self._at[name], maps[name])
         numbers = {at: np.zeros(count, np.int64) for at, count in (
@@ -525,9 +531,9 @@ class LatticeImage:
         return maps
 
 
-def _sparse_rays(camera: Camera, time_s: float, rows: slice, columns: slice) -> Rays:
-    """Return the rays (N,) of pixels `GRID_PX` apart, those at the edges included."""
-    v, u = (np.append(np.arange(of.start, of.stop - 1, GRID_PX), of.stop - 1) + 0.5 for of in (rows, columns))
+def _sparse_rays(camera: Camera, time_s: float, rows: slice, columns: slice, up: int) -> Rays:
+    """Return the rays (N,) of cells of ``up`` x ``up`` pixels `GRID_PX` apart, those at the edges included."""
+    v, u = (np.append(np.arange(of.start, of.stop - 1, GRID_PX), of.stop - 1) * up + up / 2 for of in (rows, columns))
     return camera_rays(camera, time_s, *np.meshgrid(u, v)).flat()
 
 

@@ -69,7 +69,7 @@ class SurfelBackend:
             upright = self.scene.upright if edited else np.zeros(0, bool)
             gone = np.zeros(len(static), bool)
             for box in state.removed_boxes:
-                gone |= upright & _inside(centres, box)
+                gone |= upright & points_in_box(centres, box.world_from_box, box.size_m + 2 * BOX_MARGINS_M)
             copies = [self._copied(upright, centres, copy.source) for copy in state.static_copies]
             self._world = key, static.without(gone), copies
         return self._world[1], self._world[2]
@@ -119,11 +119,9 @@ class SurfelTracer:
             parts.append(
                 self._part(Rays(flat.origins[part], flat.directions[part], flat.time_s[part]), passes, sky, pixel_rad)
             )
-        feature, depth, maps = (
-            np.concatenate([part[0] for part in parts]),
-            np.concatenate([part[1] for part in parts]),
-            {name: np.concatenate([part[2][name] for part in parts]) for name in parts[0][2]},
-        )
+        feature = np.concatenate([part[0] for part in parts])
+        depth = np.concatenate([part[1] for part in parts])
+        maps = {name: np.concatenate([part[2][name] for part in parts]) for name in parts[0][2]}
         traced = TraceResult(
             feature, np.where(np.isfinite(depth), depth, 0.0), np.isfinite(depth).astype(np.float32), {}
         )
@@ -203,10 +201,6 @@ class SurfelTracer:
         for name, array in maps.items():
             array[mesh_hits.ray[shown]] = values[name][shown]
         return stopped
-
-
-def _inside(points: FloatArray, box: Box) -> BoolArray:
-    return points_in_box(points, box.world_from_box, box.size_m + 2 * BOX_MARGINS_M)
 
 
 def _pixel_rad(rays: Rays) -> float:

@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
@@ -125,7 +124,8 @@ class StaticMask:
         Inside a present actor's box, and in a removed box, only the ground remains: distances are those to the ground,
         and densities above it are 0.
         """
-        inside = self._inside(ray, t)
+        with torch.no_grad():
+            inside = self._inside(ray, t)
         if self.padded:
             height = points[..., 2] - self.scene.ground.height(points.reshape(-1, 3)).view(t.shape)
             return values.cleared(torch.where(inside, height, -torch.inf))
@@ -136,7 +136,6 @@ class StaticMask:
         height = x[:, 2] - self.scene.ground.height(x)
         return values.cleared(torch.full_like(t, -torch.inf).index_put((rows, columns), height))
 
-    @torch.no_grad()
     def _inside(self, ray: Tensor, t: Tensor) -> Tensor:
         """Return which samples t (P, K) of rays (P,) lie in the box of an actor that the ray hits, or in a removed one:
         (P, K) bool."""
@@ -169,7 +168,7 @@ def static_segments(scene: SceneModel, mask: StaticMask, rays: RayBatch, samplin
         t_near = torch.minimum(torch.maximum(t_near, rays.starts), t_far)
     n, samples = len(rays), scene.config.samples
     u = stratified(n, sampling.count(samples.static_proposals), sampling.jitter, o, sampling.generator)
-    longest_m = None if sampling.padding is None else float(np.linalg.norm(scene.volume.size_m))
+    longest_m = None if sampling.padding is None else scene.frame.diagonal_m
     with torch.no_grad():
         t, mass = propose(scene.occupancy.voxels, RaySpans(o, d, t_near, t_far, longest_m), u)
         occupied, there = (mass > 0) & (t_far > t_near), None

@@ -109,10 +109,8 @@ def _places(scene: SceneModel, o: Tensor, d: Tensor, t0: Tensor, sampling: Sampl
     fractions of disparity (N, K), and the lengths (N, K) of the intervals around them: most where a first, even set of
     densities is high."""
     samples = scene.config.samples
-    proposals, count = (
-        sampling.background_count(samples.background_proposals),
-        sampling.background_count(samples.background),
-    )
+    proposals = sampling.background_count(samples.background_proposals)
+    count = sampling.background_count(samples.background)
     u = stratified(len(o), proposals, sampling.jitter, o, sampling.generator)
     x = along(o, d, _disparity(u, t0, scene.config.far_m))
     tau = scene.background.density(x.reshape(-1, 3)).view(u.shape) / proposals
@@ -156,11 +154,9 @@ def trace(
         ray_segments.append(mesh_segments(mesh_hits, rays.origins, first))
     traced = composite(len(rays), ray_segments, [each.scene.config.features for each in active.sets], rays.origins,
                        sampling.padding is not None)  # fmt: skip
-    seen, reach, alone = (
-        BackgroundSamples(traced.feature, traced.depth_m, traced.opacity, traced.transmittance_after),
-        None,
-        None,
-    )
+    seen = BackgroundSamples(traced.feature, traced.depth_m, traced.opacity, traced.transmittance_after)
+    reach = None
+    alone = None
     if active.foreign or mesh_hits is not None:
         alone, reach = _without_foreign(traced, ray_segments)
     samples, background = sum(s.t.numel() for s in ray_segments), None
