@@ -149,7 +149,7 @@ def of_actor_set(number: int, segments: RaySegments) -> ActorSegments:
     """The same ray segments, through the boxes of an actor set."""
     one, size = torch.ones(len(segments)), torch.ones(len(segments), 3)
     return ActorSegments(
-        **vars(segments), values=SignedDistances(segments.t), points=segments.t, density="logistic", beta=1.0,
+        **vars(segments), values=SignedDistances(segments.t), points=segments.t, density="logistic", beta=torch.ones(()),
         actor_set=number,
         actor=segments.ray, t_near=one, t_far=one, world_from_box=size, size_m=size,
     )  # fmt: skip

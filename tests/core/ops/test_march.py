@@ -35,7 +35,8 @@ def random_rays(n: int, seed: int) -> RaySpans:
     near = rng.uniform(0, 3, n)
     far = near + rng.uniform(0, 40, n)
     far[::17] = near[::17]
-    return RaySpans(*(torch.tensor(a, dtype=torch.float32) for a in (o, d, near, far)))
+    origins, directions, starts, ends = (torch.tensor(a, dtype=torch.float32) for a in (o, d, near, far))
+    return RaySpans(origins, directions, starts, ends)
 
 
 def steps_of(voxels: Voxels, spans: RaySpans, ray: int) -> list[float]:
