@@ -8,11 +8,10 @@ import bpy
 
 from . import headless
 from .core.errors import install_into
-from .process import client
-from .process.interpreters import MODULES
-from .registering import close_room, open_room
+from .process import client, interpreters
+from .registering import add_module, remove_module
 
-ROOMS = tuple(
+MODULES = tuple(
     import_module(f".{name}", __package__)
     for name in """
     translations features.drive.properties features.edits.properties features.simulation.properties
@@ -47,9 +46,9 @@ _commands: list[object] = []
 def register() -> None:
     """Add everything to Blender."""
     if bpy.app.binary_path:  # Blender's module lives in somebody else's Python
-        install_into(str(MODULES), not bpy.app.background)
-    for room in ROOMS:
-        open_room(room)
+        install_into(str(interpreters.MODULES), not bpy.app.background)
+    for module in MODULES:
+        add_module(module)
     _commands.append(bpy.utils.register_cli_command("unisim", headless.command))
 
 
@@ -59,5 +58,5 @@ def unregister() -> None:
     install_into("")
     while _commands:
         bpy.utils.unregister_cli_command(_commands.pop())
-    for room in reversed(ROOMS):
-        close_room(room)
+    for module in reversed(MODULES):
+        remove_module(module)

@@ -39,63 +39,62 @@ def keys_of(module: str) -> list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]]:
     return _keys.get(module, [])
 
 
-def classes_of(room: ModuleType) -> list[Any]:
+def classes_of(module: ModuleType) -> list[Any]:
     """Return the classes of Blender's that a module defines, in their order."""
     return [
         cls
-        for cls in vars(room).values()
-        if isinstance(cls, type) and issubclass(cls, bpy.types.bpy_struct) and cls.__module__ == room.__name__
+        for cls in vars(module).values()
+        if isinstance(cls, type) and issubclass(cls, bpy.types.bpy_struct) and cls.__module__ == module.__name__
     ]
 
 
-def open_room(room: ModuleType) -> None:
+def add_module(module: ModuleType) -> None:
     """Add what a module has for Blender. Operators are called as their classes: UNISIM_OT_check is `unisim.check`."""
-    if hasattr(room, "register"):
-        room.register()
-    for name, handler in getattr(room, "HANDLERS", ()):
+    if hasattr(module, "register"):
+        module.register()
+    for name, handler in getattr(module, "HANDLERS", ()):
         getattr(bpy.app.handlers, name).append(handler)
-    for drawing in getattr(room, "DRAWINGS", ()):
+    for drawing in getattr(module, "DRAWINGS", ()):
         drawing.begin()
-    for cls in classes_of(room):
+    for cls in classes_of(module):
         if issubclass(cls, bpy.types.Operator):
             cls.bl_idname = f"unisim.{cls.__name__.removeprefix('UNISIM_OT_')}"
         bpy.utils.register_class(cls)
-    for owner, name, value in getattr(room, "PROPERTIES", ()):
+    for owner, name, value in getattr(module, "PROPERTIES", ()):
         setattr(owner, name, value)
-    for menu, draw in getattr(room, "MENUS", ()):
+    for menu, draw in getattr(module, "MENUS", ()):
         menu.append(draw)
     configuration = bpy.context.window_manager.keyconfigs.addon
-    for shortcut in (
-        getattr(room, "SHORTCUTS", ()) if configuration is not None else ()
-    ):  # there is none without a window
+    shortcuts = getattr(module, "SHORTCUTS", ()) if configuration is not None else ()  # without a window there is none
+    for shortcut in shortcuts:
         keymap = configuration.keymaps.new(name=shortcut.keymap, space_type=shortcut.editor)
         pressed = dict.fromkeys(shortcut.modifiers, True)
         item = keymap.keymap_items.new(shortcut.operator, shortcut.key, "PRESS", **pressed)
         for name, value in shortcut.properties.items():
             setattr(item.properties, name, value)
-        _keys.setdefault(room.__name__, []).append((keymap, item))
+        _keys.setdefault(module.__name__, []).append((keymap, item))
 
 
-def close_room(room: ModuleType) -> None:
+def remove_module(module: ModuleType) -> None:
     """Take it away again."""
-    for keymap, item in _keys.pop(room.__name__, ()):
+    for keymap, item in _keys.pop(module.__name__, ()):
         keymap.keymap_items.remove(item)
-    for name, handler in getattr(room, "HANDLERS", ()):
+    for name, handler in getattr(module, "HANDLERS", ()):
         with suppress(ValueError):  # opening a file drops handlers that are not persistent
             getattr(bpy.app.handlers, name).remove(handler)
-    for drawing in getattr(room, "DRAWINGS", ()):
+    for drawing in getattr(module, "DRAWINGS", ()):
         drawing.end()
-    for timer in getattr(room, "TIMERS", ()):
+    for timer in getattr(module, "TIMERS", ()):
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)
-    for menu, draw in getattr(room, "MENUS", ()):
+    for menu, draw in getattr(module, "MENUS", ()):
         menu.remove(draw)
-    for owner, name, _ in getattr(room, "PROPERTIES", ()):
+    for owner, name, _ in getattr(module, "PROPERTIES", ()):
         delattr(owner, name)
-    for cls in reversed(classes_of(room)):
+    for cls in reversed(classes_of(module)):
         bpy.utils.unregister_class(cls)
-    if hasattr(room, "unregister"):
-        room.unregister()
+    if hasattr(module, "unregister"):
+        module.unregister()
 
 
 class Drawing:

@@ -57,12 +57,12 @@ def test_a_log_without_a_trained_scene_may_be_rendered_as_a_sequence(street: Any
 
 
 def test_every_operator_says_why_it_is_grey(scene: Any) -> None:
-    from unisim_blender.addon import ROOMS
+    from unisim_blender.addon import MODULES
     from unisim_blender.registering import classes_of
 
     set_colours(scene)  # else showing colours as recorded is allowed
     said = []
-    for module in ROOMS:
+    for module in MODULES:
         for cls in classes_of(module):
             if (
                 not issubclass(cls, bpy.types.Operator) or cls.__name__ == "UNISIM_OT_scroll_timeline"
