@@ -183,20 +183,20 @@ def _removed(name: str) -> Iterator[float]:
 
 
 def mirrored_car() -> Iterator[float]:
-    """S X -1 Enter is said to be impossible, by name; undone."""
+    """S X -1 Enter: the view leaves the car out and says why, by name; undone."""
     car, viewport = chosen["stands"], sys.modules[f"{MODULE}.viewport.views"]
     yield from pick(car)
     yield from scaled_by(("X",), ("MINUS", "-"), ("ONE", "1"))
 
-    def problem() -> str:
-        return str(list(viewport.VIEWS)[-1].problem)
+    def notice() -> str:
+        return " ".join(list(viewport.VIEWS)[-1].left_out)
 
-    yield from until(lambda: problem() and object_named(car).scale.x < 0, "nobody says that it cannot be mirrored", 20)
-    assert car in problem() and "mirrored" in problem(), problem()
+    yield from until(lambda: notice() and object_named(car).scale.x < 0, "nobody says that it cannot be mirrored", 20)
+    assert car in notice() and "mirrored" in notice(), notice()
     yield 0.5
     screenshot("scale_mirrored")
     yield from key("Z", ctrl=True)
-    yield from until(lambda: object_named(car).scale.x > 0 and not problem(), "not undone")
+    yield from until(lambda: object_named(car).scale.x > 0 and not notice(), "not undone")
     yield from wait_for_image()
 
 
