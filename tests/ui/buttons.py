@@ -203,6 +203,18 @@ def press(
     yield 0.2
 
 
+def typed(member: str, value: str) -> Iterator[float]:
+    """Type a value into a number's field of the sidebar."""
+    yield from place_of(member, columns=(0.75,))
+    yield from to(*found_at[0])
+    yield from key("RET")
+    yield 0.1
+    yield from key("A", ctrl=True)
+    yield from write(value)
+    yield from key("RET")
+    yield 0.3
+
+
 found_at: list[Place] = []
 """Where `place_of` found a button."""
 

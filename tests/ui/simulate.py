@@ -10,9 +10,9 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from buttons import CROSS, open_panel, place_of, press
+from buttons import CROSS, open_panel, place_of, press, typed
 from edit_panel import module, picked
-from hands import key, middle, object_named, to, write
+from hands import key, middle, object_named, to
 from session import OUT, area, from_behind, redraw, screenshot, start, until, view
 from tasks import imported, seen, task, told
 
@@ -21,27 +21,13 @@ names: dict[str, str] = {}
 """Names of the scenes and of the car that is moved."""
 
 
-def field(member: str, value: str) -> Iterator[float]:
-    """Type a value into a number's field of the panel."""
-    yield from place_of(f"unisim_simulation.{member}", columns=(0.75,))
-    from buttons import found_at
-
-    yield from to(*found_at[0])
-    yield from key("RET")
-    yield 0.1
-    yield from key("A", ctrl=True)
-    yield from write(value)
-    yield from key("RET")
-    yield 0.2
-
-
 def settings() -> Iterator[float]:
     """The panel is opened, seed and delay are typed, and undone once."""
     about = bpy.context.scene.unisim_simulation
     yield from open_panel("Simulate", "unisim_simulation.seed", 0.75)
-    yield from field("seed", "3")
+    yield from typed("unisim_simulation.seed", "3")
     yield from until(lambda: bpy.context.scene.unisim_simulation.seed == 3, "the seed is not taken over", 10)
-    yield from field("delay_s", "0.1")
+    yield from typed("unisim_simulation.delay_s", "0.1")
     about = bpy.context.scene.unisim_simulation
     assert abs(about.delay_s - 0.1) < 1e-6, about.delay_s
     yield from to(*middle(area("VIEW_3D")))

@@ -23,7 +23,7 @@ import hands
 import importing
 import maneuvers
 from browser import choose_path
-from buttons import found_at, open_panel, place_of, press, redo_panel
+from buttons import open_panel, press, redo_panel, typed
 from edit_panel import module, picked
 from first_drive import searched
 from hands import click, drop, edits, key, middle, place, to, write
@@ -207,18 +207,6 @@ def without_points() -> None:
     with inside(area("VIEW_3D")):
         bpy.ops.unisim.birds_eye()
         bpy.ops.unisim.show_points(recorded=False, simulated=False)
-
-
-def typed(member: str, value: str) -> Iterator[float]:
-    """Type a value into a number's field of the sidebar."""
-    yield from place_of(member, columns=(0.75,))
-    yield from to(*found_at[0])
-    yield from key("RET")
-    yield 0.1
-    yield from key("A", ctrl=True)
-    yield from write(value)
-    yield from key("RET")
-    yield 0.3
 
 
 def gaps() -> Iterator[float]:
