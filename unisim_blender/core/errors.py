@@ -41,12 +41,14 @@ class OutputError(UnisimError):
 
 @contextmanager
 def refused(path: object, what: str, kind: type[UnisimError]) -> Iterator[None]:
-    """Raise an error of a kind where the system refuses what is done within: "PATH: cannot be written: No space left on
-    device"."""
+    """Raise an error of a kind where the system refuses what is done within, "PATH: cannot be written: No space left on
+    device", or where a text is not UTF-8."""
     try:
         yield
     except OSError as error:
         raise kind(f"{path}: cannot be {what}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise kind(f"{path}: is not UTF-8 text (byte {error.start})") from error
 
 
 MAX_LETTERS = 300

@@ -48,11 +48,10 @@ def parse_json(content: bytes, path: Path, error: type[UnisimError]) -> Any:
             raise error(f'{path}: the key "{twice}" stands twice in one object')
         return result
 
-    try:
+    with refused(path, "read", error):
         text = io.StringIO(content.decode("utf-8"), newline=None).read()
+    try:
         document = json.loads(text, object_pairs_hook=unique)
-    except UnicodeDecodeError as fault:
-        raise error(f"{path}: is not UTF-8 text (byte {fault.start})") from fault
     except RecursionError as fault:
         raise error(f"{path}: is nested too deeply") from fault
     except ValueError as fault:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...data.image_files import Notes
 from ...data.log import Sweep, SweepGrid
 from ...data.sweep_cells import make_grid, never_returned
-from ...errors import LogError
+from ...errors import LogError, refused
 from ...files import cache_folder, file_stamp, write_file
 from ...geometry import spread_indices
 from ...world.drive import Drive
@@ -156,13 +156,10 @@ MAX_TEXT_BYTES = 64 * 2**20
 
 def read_text(path: Path) -> str:
     """Return a text file. Raises `LogError`."""
-    try:
-        if path.stat().st_size > MAX_TEXT_BYTES:
-            raise LogError(f"{path}: refused, it has more than {MAX_TEXT_BYTES // 2**20} MiB")
-        return path.read_text(encoding="utf-8")
-    except FileNotFoundError as error:
-        raise LogError(f"{path}: is missing") from error
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise LogError(f"{path}: is not UTF-8 text (byte {error.start})") from error
+    with refused(path, "read", LogError):
+        try:
+            if path.stat().st_size > MAX_TEXT_BYTES:
+                raise LogError(f"{path}: refused, it has more than {MAX_TEXT_BYTES // 2**20} MiB")
+            return path.read_text(encoding="utf-8")
+        except FileNotFoundError as error:
+            raise LogError(f"{path}: is missing") from error

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from ...data.image_files import files_by_stem, image_suffixes
-from ...errors import LogError, in_a_line
+from ...errors import LogError, in_a_line, refused
 from ...files import write_file
 from ...geometry import FloatArray, make_pose, quaternion_from_matrix
 from ...json_file import Node, check_finite, json_bytes, read_json
@@ -322,21 +322,16 @@ def _all(path: Path, key: str, wanted: Collection[str] | None) -> Iterator[Node]
 
 def _rows_as_text(path: Path) -> Iterator[str]:
     rest = ""
-    try:
-        with path.open(encoding="utf-8") as stream:
-            while piece := stream.read(PIECE_BYTES):
-                text = rest + piece
-                end = 0
-                for match in _ROW.finditer(text):
-                    end = match.end()
-                    yield match.group()
-                rest = text[end:]
-                if len(rest) > PIECE_BYTES:
-                    raise LogError(f"{path}: is no table of rows")
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise LogError(f"{path}: is not UTF-8 text (byte {error.start})") from error
+    with refused(path, "read", LogError), path.open(encoding="utf-8") as stream:
+        while piece := stream.read(PIECE_BYTES):
+            text = rest + piece
+            end = 0
+            for match in _ROW.finditer(text):
+                end = match.end()
+                yield match.group()
+            rest = text[end:]
+            if len(rest) > PIECE_BYTES:
+                raise LogError(f"{path}: is no table of rows")
     if not rest.strip().endswith("]"):
         raise LogError(f"{path}: is cut off")
 
