@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from tiny_drive import TinyLog
 
-from unisim_blender.core.data.classes import PANDASET, TABLES, motion_of
 from unisim_blender.core.data.log import LogExtras, extras_of
 from unisim_blender.core.ops.constants import SYMMETRIC_CLASSES
+from unisim_blender.core.world.classes import PANDASET, TABLES, motion_of
 
 
 @pytest.mark.parametrize(
