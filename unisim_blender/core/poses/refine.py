@@ -14,16 +14,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import FloatArray, Trajectory, invert_pose, make_pose, quaternion_from_matrix
-from .sweeps import SweepPlanes, first_in_voxels, import_scipy, placed
+from ..geometry import FloatArray, Trajectory, invert_pose, make_pose, nearest_rotation, quaternion_from_matrix
+from .sweeps import PlaneSweep, import_scipy, placed
 
 REACHES_M = (2.0, 1.0, 1.0, 0.6, 0.6, 0.4, 0.4, 0.3, 0.3, 0.3)
 """How far apart points are matched to planes, from pass to pass."""
+MORE_PASSES = 6
 LAGS = (1, 2, 4, 8, 16, 32, 64, 128)
 PAIR_M = 60.0
 """Sweeps further apart are not matched."""
 POINTS = 1500
 """Points of a sweep that are matched to another."""
+LOOP_M = 10.0
+"""A sweep is matched to an old one that is as near as this."""
 LEAST_MATCHES = 60
 GROUND = 0.9
 NOISE_M = 0.03
@@ -31,20 +34,21 @@ INDEPENDENT = 0.05
 """Share of a pair's points that count as independent: neighbours share errors of planes."""
 STEP_M, STEP_RAD = 0.5, 0.02
 """Standard deviation of the change, from sweep to sweep, of the log's error: the prior where sweeps tell nothing."""
-PLACE_M, PLACE_RAD = 5.0, 0.2
-"""Standard deviation of the log's poses: the prior on where the drive as a whole lies."""
+PINNED = 1e12
+"""Weight with which the correction in the drive's middle stays."""
+SPARSE_KEYS = 0.6
+"""Corrections are keyed where the log's poses are, if these are at least this many sweeps apart, else at sweeps' middles:
+noise of each pose is corrected where it is."""
 STANDS_M, STANDS_RAD = 5e-4, 2e-5
 
 
 @dataclass(frozen=True)
 class Refined:
-    """A refined trajectory of a LiDAR, and the standard deviations of its poses at the sweeps' middles.
+    """A correction of a LiDAR's poses in its own frame, to apply by `corrected`.
 
-    ``correction``: from the refined frame of the sensor to the log's, at ``times_s`` of the sweeps. ``std_m``,
-    ``std_rad`` (T,) are relative to the sweep in the drive's middle.
+    ``std_m``, ``std_rad`` (K,): standard deviations of the correction's keys, relative to that in the drive's middle.
     """
 
-    trajectory: Trajectory
     correction: Trajectory
     std_m: FloatArray
     std_rad: FloatArray
@@ -68,49 +72,65 @@ def pairs_of(positions: FloatArray) -> list[tuple[int, int]]:
         if len(old):
             away = np.linalg.norm(positions[old] - positions[at], axis=1)
             nearest = int(old[away.argmin()])
-            if away.min() < 10.0 and (at, nearest) not in pairs:
+            if away.min() < LOOP_M and (at, nearest) not in pairs:
                 pairs.append((at, nearest))
     return pairs
 
 
+def key_times(recorded: Trajectory, sweeps: Sequence[PlaneSweep]) -> FloatArray:
+    """Return the times (K,) at which the poses of two or more sweeps are corrected."""
+    middles = np.array([sweep.middle_s for sweep in sweeps])
+    first, last = (float(end(np.concatenate([sweep.time_s for sweep in sweeps]))) for end in (np.min, np.max))
+    before, after = np.searchsorted(recorded.times_s, first, "right") - 1, np.searchsorted(recorded.times_s, last)
+    keys = recorded.times_s[max(before, 0) : after + 1]
+    sparse = len(keys) > 1 and float(np.median(np.diff(keys))) >= SPARSE_KEYS * float(np.median(np.diff(middles)))
+    return keys if sparse else middles
+
+
 def refine(
-    sweeps: Sequence[SweepPlanes], recorded: Trajectory, progress: Callable[[int], object] = lambda step: None
+    sweeps: Sequence[PlaneSweep], recorded: Trajectory, progress: Callable[[float], object] = lambda share: None
 ) -> Refined:
-    """Return the LiDAR's trajectory refined from its ``recorded`` one by two or more sweeps, in order of time."""
-    spatial = import_scipy("to refine poses")
-    times = np.array([sweep.middle_s for sweep in sweeps])
-    count = len(sweeps)
-    shift, turn = np.zeros((count, 3)), np.tile([1.0, 0, 0, 0], (count, 1))
+    """Return the correction of a LiDAR's ``recorded`` trajectory by two or more sweeps, in order of time."""
+    spatial = import_scipy("to refine poses,")
+    middles = np.array([sweep.middle_s for sweep in sweeps])
+    keys = key_times(recorded, sweeps)
+    shift, turn = np.zeros((len(keys), 3)), np.tile([1.0, 0, 0, 0], (len(keys), 1))
     sources = [_source(sweep) for sweep in sweeps]
-    system = _System(times)
-    for step, reach in enumerate((*REACHES_M, *[REACHES_M[-1]] * 6)):
-        correction = Trajectory(times, shift, turn)
-        track = corrected(recorded, correction)
-        poses = track.at(times)
+    system = _System(keys)
+    passes = (*REACHES_M, *[REACHES_M[-1]] * MORE_PASSES)
+    for step, reach in enumerate(passes):
+        track = corrected(recorded, Trajectory(keys, shift, turn))
+        poses = track.at(middles)
         if step % 4 == 0:
-            world = [placed(track, sweep.points, sweep.time_s) for sweep in sweeps]
-            clouds = [_local(pose, points) for pose, points in zip(poses, world, strict=True)]
-            trees = [spatial.cKDTree(cloud) for cloud in clouds]
-            normals = [_normals(track, sweep, pose) for sweep, pose in zip(sweeps, poses, strict=True)]
+            targets = [_Target(sweep, track, pose, spatial) for sweep, pose in zip(sweeps, poses, strict=True)]
             pairs = pairs_of(poses[:, :3, 3])
-        moved = [placed(track, sweep.points[at], sweep.time_s[at]) for sweep, at in zip(sweeps, sources, strict=True)]
+        moved = [_Source(sweep, at, track) for sweep, at in zip(sweeps, sources, strict=True)]
         system.clear()
         for later, earlier in pairs:
             for a, b in ((later, earlier), (earlier, later)):
-                system.add(_match(a, b, moved[a], poses, clouds[b], normals[b], trees[b], reach))
+                _match(moved[a], targets[b], poses[b], reach, system)
         change = system.solve(shift, turn)
         shift, turn = _applied(shift, turn, change)
-        progress(step)
+        progress((step + 1) / len(passes))
         moves_m = np.linalg.norm(np.diff(change[:, :3], axis=0), axis=1)
         moves_rad = np.linalg.norm(np.diff(change[:, 3:], axis=0), axis=1)
         if step >= len(REACHES_M) and moves_m.max() < STANDS_M and moves_rad.max() < STANDS_RAD:
             break
-    std_m, std_rad = system.deviations()
-    correction = Trajectory(times, shift, turn)
-    return Refined(corrected(recorded, correction), correction, std_m, std_rad)
+    correction = Trajectory(keys, shift, turn)
+    return Refined(_in_place(recorded, correction), *system.deviations())
 
 
-def _source(sweep: SweepPlanes) -> NDArray[np.int64]:
+def _in_place(recorded: Trajectory, correction: Trajectory) -> Trajectory:
+    """Return the correction with which the trajectory as a whole lies where the recorded one does: sweeps do not tell."""
+    there = recorded.at(correction.times_s)
+    here = there @ correction.poses
+    world = np.eye(4)
+    world[:3, :3] = nearest_rotation((there[:, :3, :3] @ here[:, :3, :3].swapaxes(1, 2)).mean(0))
+    world[:3, 3] = (there[:, :3, 3] - here[:, :3, 3] @ world[:3, :3].T).mean(0)
+    return Trajectory.from_poses(correction.times_s, invert_pose(there) @ world @ here)
+
+
+def _source(sweep: PlaneSweep) -> NDArray[np.int64]:
     """Points that are matched: of the ground, which tells nothing of the way ahead, no more than of all else."""
     ground = np.flatnonzero(np.abs(sweep.normals[:, 2]) > GROUND)
     other = np.flatnonzero(np.abs(sweep.normals[:, 2]) <= GROUND)
@@ -120,53 +140,57 @@ def _source(sweep: SweepPlanes) -> NDArray[np.int64]:
     return np.concatenate(chosen) if chosen else np.zeros(0, np.int64)
 
 
-def _local(pose: FloatArray, points: FloatArray) -> FloatArray:
-    return np.asarray((points - pose[:3, 3]) @ pose[:3, :3])
+class _Source:
+    """Points of a sweep to be matched: in their own frames, in the world, and their rotations."""
+
+    def __init__(self, sweep: PlaneSweep, at: NDArray[np.int64], track: Trajectory) -> None:
+        self.own, self.time_s = sweep.points[at], sweep.time_s[at]
+        poses = track.at(self.time_s)
+        self.rotation = poses[:, :3, :3]
+        self.world = np.einsum("nij,nj->ni", self.rotation, self.own) + poses[:, :3, 3]
 
 
-def _normals(track: Trajectory, sweep: SweepPlanes, pose: FloatArray) -> FloatArray:
-    world = np.einsum("nij,nj->ni", track.at(sweep.time_s)[:, :3, :3], sweep.normals)
-    return np.asarray(world @ pose[:3, :3])
+class _Target:
+    """Planes of a sweep as a whole: in the sensor's frame at the sweep's middle, with a tree of their points."""
+
+    def __init__(self, sweep: PlaneSweep, track: Trajectory, pose: FloatArray, spatial: Any) -> None:
+        self.sweep = sweep
+        self.points = (placed(track, sweep.points, sweep.time_s) - pose[:3, 3]) @ pose[:3, :3]
+        world = np.einsum("nij,nj->ni", track.at(sweep.time_s)[:, :3, :3], sweep.normals)
+        self.normals = world @ pose[:3, :3]
+        self.tree = spatial.cKDTree(self.points)
 
 
-@dataclass(frozen=True)
-class _Match:
-    a: int
-    b: int
-    jacobian_a: FloatArray
-    jacobian_b: FloatArray
-    residual: FloatArray
-    weight: FloatArray
-
-
-def _match(
-    a: int, b: int, moved: FloatArray, poses: FloatArray, cloud: FloatArray, normals: FloatArray, tree: Any,
-    reach: float,
-) -> _Match | None:  # fmt: skip
-    """Matches of sweep a's points with planes of b; derivatives by right perturbations of both poses."""
-    there = _local(poses[b], moved)
-    distance, near = tree.query(there, distance_upper_bound=reach, workers=-1)
+def _match(source: _Source, target: _Target, pose: FloatArray, reach: float, system: _System) -> None:
+    """Add matches of a sweep's points with planes of another, whose middle is at ``pose``, to the normal equations."""
+    if not len(source.own) or not len(target.points):
+        return
+    there = (source.world - pose[:3, 3]) @ pose[:3, :3]
+    distance, near = target.tree.query(there, distance_upper_bound=reach, workers=-1)
     met = np.flatnonzero(np.isfinite(distance))
     if len(met) < LEAST_MATCHES:
-        return None
-    point, target, normal = there[met], cloud[near[met]], normals[near[met]]
-    residual = np.sum(normal * (point - target), 1)
+        return
+    near = near[met]
+    normal = target.normals[near]
+    residual = np.sum(normal * (there[met] - target.points[near]), 1)
     scale = max(NOISE_M, 1.4826 * float(np.median(np.abs(residual))))
-    weight = 1 / (1 + (residual / scale) ** 2) ** 2 / scale**2
-    in_a = _local(poses[a], moved[met])
-    rotation = poses[a, :3, :3].T @ poses[b, :3, :3]  # b's axes in a
-    n_a = normal @ rotation.T
-    return _Match(
-        a, b, np.concatenate([n_a, np.cross(in_a, n_a)], 1), -np.concatenate([normal, np.cross(point, normal)], 1),
-        residual, weight,
-    )  # fmt: skip
+    weight = INDEPENDENT / (1 + (residual / scale) ** 2) ** 2 / scale**2  # Geman and McClure's
+    # derivatives by perturbations from the right: of the point's pose, and of the plane's
+    own = np.einsum("nji,nj->ni", source.rotation[met], normal @ pose[:3, :3].T)
+    plane, point = target.sweep.normals[near], target.sweep.points[near]
+    rows = (
+        (np.concatenate([own, np.cross(source.own[met], own)], 1), source.time_s[met]),
+        (-np.concatenate([plane, np.cross(point, plane)], 1), target.sweep.time_s[near]),
+    )
+    system.add(rows, residual, weight)
 
 
 class _System:
-    """Normal equations of corrections (T, 6): shifts, turns, in each sweep's own frame."""
+    """Normal equations of corrections (K, 6) at keys: shifts, turns, in the sensor's frame at each key, linear between
+    keys."""
 
-    def __init__(self, times: FloatArray) -> None:
-        self.count = len(times)
+    def __init__(self, keys: FloatArray) -> None:
+        self.keys, self.count = keys, len(keys)
         self.clear()
 
     def clear(self) -> None:
@@ -177,29 +201,31 @@ class _System:
         if (a, b) in self.blocks:
             self.blocks[a, b] += value
         else:
-            self.blocks[a, b] = value.copy()  # a transpose shares memory
+            self.blocks[a, b] = value.copy()  # views share memory
 
-    def add(self, match: _Match | None) -> None:
-        if match is None:
-            return
-        a, b, weight = match.a, match.b, match.weight[:, None] * INDEPENDENT
-        wa, wb = match.jacobian_a * weight, match.jacobian_b * weight
-        self._block(a, a, wa.T @ match.jacobian_a)
-        self._block(b, b, wb.T @ match.jacobian_b)
-        cross = wa.T @ match.jacobian_b
-        self._block(a, b, cross)
-        self._block(b, a, cross.T)
-        self.right[a] -= wa.T @ match.residual
-        self.right[b] -= wb.T @ match.residual
+    def add(self, rows: Sequence[tuple[FloatArray, FloatArray]], residual: FloatArray, weight: FloatArray) -> None:
+        """Add residuals (N,), and for each of the poses that they depend on derivatives (N, 6) and times (N,)."""
+        parts: dict[int, FloatArray] = {}
+        for jacobian, time_s in rows:
+            lower = np.clip(np.searchsorted(self.keys, time_s, side="right") - 1, 0, self.count - 2)
+            after = np.clip((time_s - self.keys[lower]) / (self.keys[lower + 1] - self.keys[lower]), 0, 1)
+            for key in np.unique(lower).tolist():
+                here = lower == key
+                for at, share in ((key, 1 - after), (key + 1, after)):
+                    part = parts.setdefault(at, np.zeros_like(jacobian))
+                    part += jacobian * (share * here)[:, None]
+        weighted = {key: part * weight[:, None] for key, part in parts.items()}
+        for a, part in weighted.items():
+            self.right[a] -= part.T @ residual
+            for b, other in parts.items():
+                self._block(a, b, part.T @ other)
 
     def solve(self, shift: FloatArray, turn: FloatArray) -> FloatArray:
-        """Return changes (T, 6) of corrections that are now ``shift``, ``turn``."""
+        """Return changes (K, 6) of corrections that are now ``shift``, ``turn``."""
         now = np.concatenate([shift, 2 * turn[:, 1:]], 1)
-        place = np.diag([1 / PLACE_M**2] * 3 + [1 / PLACE_RAD**2] * 3)
         step = np.diag([1 / STEP_M**2] * 3 + [1 / STEP_RAD**2] * 3)
-        for at in range(self.count):
-            self._block(at, at, place / self.count)
-            self.right[at] -= place @ now[at] / self.count
+        for at in range(self.count):  # a key between sweeps has no block of its own
+            self._block(at, at, np.zeros((6, 6)))
         for at in range(self.count - 1):
             self._block(at, at, step)
             self._block(at + 1, at + 1, step)
@@ -208,10 +234,11 @@ class _System:
             change = step @ (now[at + 1] - now[at])
             self.right[at] += change
             self.right[at + 1] -= change
+        middle = self.count // 2  # where the drive lies as a whole is decided in the end
+        self._block(middle, middle, np.eye(6) * PINNED)
         from scipy.sparse.linalg import splu
 
-        self.factor = splu(self._matrix())
-        return np.asarray(self.factor.solve(self.right.ravel()).reshape(self.count, 6))
+        return np.asarray(splu(self._matrix()).solve(self.right.ravel()).reshape(self.count, 6))
 
     def _matrix(self) -> Any:
         from scipy.sparse import coo_matrix
@@ -224,18 +251,16 @@ class _System:
         return coo_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape).tocsc()
 
     def deviations(self) -> tuple[FloatArray, FloatArray]:
-        """Return standard deviations (T,) of corrections relative to the middle sweep's, metres and radians."""
-        middle = self.count // 2
-        out = np.zeros((self.count, 2))
+        """Return standard deviations (K,) of corrections relative to the middle one's, metres and radians."""
+        from scipy.sparse.linalg import splu
+
+        factor = splu(self._matrix())
+        out = np.zeros((self.count, 6))
         for at in range(self.count):
-            if at == middle:
-                continue
             unit = np.zeros((self.count * 6, 6))
             unit[at * 6 : at * 6 + 6] = np.eye(6)
-            unit[middle * 6 : middle * 6 + 6] -= np.eye(6)
-            variance = np.maximum(np.diag(unit.T @ self.factor.solve(unit)), 0)
-            out[at] = np.sqrt(variance[:3].sum()), np.sqrt(variance[3:].sum())
-        return out[:, 0], out[:, 1]
+            out[at] = np.maximum(np.diag(factor.solve(unit)[at * 6 : at * 6 + 6]), 0)
+        return np.sqrt(out[:, :3].sum(1)), np.sqrt(out[:, 3:].sum(1))
 
 
 def _applied(shift: FloatArray, turn: FloatArray, change: FloatArray) -> tuple[FloatArray, FloatArray]:

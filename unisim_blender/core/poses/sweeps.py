@@ -23,7 +23,7 @@ BOX_MARGIN_M = 0.3
 
 
 @dataclass(frozen=True)
-class SweepPlanes:
+class PlaneSweep:
     """Points (N, 3) of a sweep and their planes' unit normals (N, 3), in the sensor's frame at each point's own time
     ``time_s`` (N,); ``middle_s`` is the median of all returns' times."""
 
@@ -60,7 +60,7 @@ def in_moving_boxes(drive: Drive, points: FloatArray, time_s: FloatArray) -> Boo
         half = actor.size_m / 2 + BOX_MARGIN_M
         if not actor.is_moving:
             continue
-        middle = actor.world_from_actor.at(np.median(time_s) if len(time_s) else 0.0)
+        middle = actor.world_from_actor.at(float(np.median(time_s)) if len(time_s) else 0.0)
         reach = float(np.linalg.norm(half)) + 5.0  # what it moves within a sweep
         near = np.flatnonzero(np.linalg.norm(points - middle[:3, 3], axis=1) < reach)
         if len(near):
@@ -103,7 +103,7 @@ def first_in_voxels(points: FloatArray, voxel_m: float) -> NDArray[np.int64]:
     return np.sort(first)
 
 
-def planes_of(points: FloatArray, time_s: FloatArray, trajectory: Trajectory) -> SweepPlanes:
+def planes_of(points: FloatArray, time_s: FloatArray, trajectory: Trajectory) -> PlaneSweep:
     """Return the planes of a sweep's points (N, 3), in the sensor's frame at their times (N,).
 
     Normals are of the points as ``trajectory`` places them, of a rolling sweep without its motion.
@@ -115,7 +115,7 @@ def planes_of(points: FloatArray, time_s: FloatArray, trajectory: Trajectory) ->
     thinned = still[chosen]
     if len(chosen) <= NEIGHBOURS:
         empty = np.zeros((0, 3))
-        return SweepPlanes(empty, empty, np.zeros(0), middle_s)
+        return PlaneSweep(empty, empty, np.zeros(0), middle_s)
     distance, near = spatial.cKDTree(thinned).query(thinned, NEIGHBOURS, workers=-1)
     offset = thinned[near] - thinned[near].mean(1, keepdims=True)
     width, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", offset, offset) / NEIGHBOURS)
@@ -123,4 +123,4 @@ def planes_of(points: FloatArray, time_s: FloatArray, trajectory: Trajectory) ->
     flat = (thick < FLAT_M) & (wide > WIDE_M) & (wide > WIDER * thick) & (distance[:, -1] < 1.5)
     poses = trajectory.at(time_s[chosen[flat]])
     normals = np.einsum("nji,nj->ni", poses[:, :3, :3], axes[flat, :, 0])
-    return SweepPlanes(points[chosen[flat]], normals, time_s[chosen[flat]], middle_s)
+    return PlaneSweep(points[chosen[flat]], normals, time_s[chosen[flat]], middle_s)
