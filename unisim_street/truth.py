@@ -22,7 +22,18 @@ from unisim_blender.core.sensors.unprojection import image_mask
 from unisim_blender.core.world.drive import Actor, Box, Camera, Drive, StaticCopy
 from unisim_blender.core.world.replay import WorldState, with_windows
 
-from .paint.light import SUN, display, shade, sky, sun_directions
+from .paint.light import (
+    DAY,
+    LAMP_COLOUR,
+    LAMP_REACH_M,
+    SUN,
+    Light,
+    display,
+    lamp_light,
+    shade,
+    sky,
+    sun_directions,
+)
 from .street import Street, street_origin
 from .tracing.surface_hits import Surfaces, look_up
 from .tracing.trace import (
@@ -45,6 +56,8 @@ _SHADOW_RAY_OFFSET_M = 1e-3
 _MIN_RETURN_REFLECTIVITY = 0.02
 """Least reflectivity x cosine at 100 m that still returns."""
 _BEAM_DIVERGENCE_RAD = 0.003
+_MIN_LAMP_LIGHT = 5e-3
+"""Less of a lamp's light is none."""
 
 
 @dataclass(frozen=True)
@@ -170,11 +183,14 @@ def _radiance(world: StreetWorld, view: TracedView, samples: int) -> FloatArray:
     time = view.bundles.time_s.reshape(-1)
     out = np.empty_like(directions)
     missed = ~np.isfinite(view.hits.t.reshape(-1))
-    out[missed] = sky(directions[missed])
+    out[missed] = sky(directions[missed], world.light)
     seen = view.surfaces
     sunlit = sun_visibility(world, seen, time, view.subsample, samples)
     ambient = contact(world, seen, time)
-    out[seen.rays] = shade(seen.albedo, seen.gloss, seen.soft_normals, directions[seen.rays], sunlit, ambient)
+    lamps = lamplight(world, seen, time)[:, None] * LAMP_COLOUR
+    out[seen.rays] = shade(
+        seen.albedo, seen.gloss, seen.soft_normals, directions[seen.rays], sunlit, ambient, lamps, world.light
+    )
     return out
 
 
@@ -187,6 +203,20 @@ def sun_visibility(
     out = np.zeros(len(seen.rays))
     start = seen.points[faces] + _SHADOW_RAY_OFFSET_M * seen.normals[faces]
     out[faces] = lit(world.placements, start, toward[faces], time_s[seen.rays][faces])
+    return out
+
+
+def lamplight(world: StreetWorld, seen: Surfaces, time_s: FloatArray) -> FloatArray:
+    """Light (N,) of all lamps that surfaces see, in `LAMP_COLOUR`."""
+    out = np.zeros(len(seen.rays))
+    for lamp in world.light.lamps:
+        near = np.flatnonzero(((seen.points - lamp) ** 2).sum(1) < LAMP_REACH_M**2)
+        light, toward, distance = lamp_light(lamp, seen.points[near], seen.soft_normals[near])
+        lit_side = (light > _MIN_LAMP_LIGHT) & ((toward * seen.normals[near]).sum(1) > 0)
+        near, light, toward, distance = near[lit_side], light[lit_side], toward[lit_side], distance[lit_side]
+        start = seen.points[near] + _SHADOW_RAY_OFFSET_M * seen.normals[near]
+        reach = distance - _SHADOW_RAY_OFFSET_M
+        out[near] += light * lit(world.placements, start, toward, time_s[seen.rays[near]], reach)
     return out
 
 
@@ -330,6 +360,7 @@ class StreetWorld:
     instances: tuple[str, ...]
     sizes_m: list[FloatArray]
     street_from_world: FloatArray
+    light: Light = DAY
 
     @property
     def first_actor(self) -> int:
@@ -370,7 +401,7 @@ def _placed(
         window = actor.start_s, actor.end_s
         placements.append(AssetPlacement(actor.uid, asset_of(street, actor), motion, window, scale=scale))
     uids = tuple(actor.uid for actor in actors)
-    return StreetWorld(placements, uids, [actor.size_m for actor in actors], street_from_world)
+    return StreetWorld(placements, uids, [actor.size_m for actor in actors], street_from_world, street.light)
 
 
 def asset_of(street: Street, actor: Actor) -> Asset:

@@ -236,9 +236,14 @@ def _first_outside(
 
 
 def lit(
-    placements: list[AssetPlacement], points: FloatArray, directions: FloatArray, time_s: FloatArray
+    placements: list[AssetPlacement],
+    points: FloatArray,
+    directions: FloatArray,
+    time_s: FloatArray,
+    reach_m: FloatArray | float = np.inf,
 ) -> NDArray[np.bool_]:
-    """Whether nothing stands between points (N, 3) and the light along ``directions`` (N, 3), almost parallel: (N,)."""
+    """Whether nothing stands between points (N, 3) and the light along unit ``directions`` (N, 3), ``reach_m`` (N,) away: (N,).
+    Directions that are almost parallel, or meet in a point, make it fast."""
     n = len(points)
     if n == 0:
         return np.zeros(0, bool)
@@ -247,7 +252,8 @@ def lit(
     order = np.concatenate([order, np.full(-n % k, order[-1])]).reshape(-1, k)
     hits = trace(placements, make_bundles(points[order], directions[order], time_s[order]))
     out = np.empty(n, bool)
-    out[order.reshape(-1)] = ~np.isfinite(hits.t).reshape(-1)
+    reach = np.broadcast_to(reach_m, n)[order.reshape(-1)]
+    out[order.reshape(-1)] = ~np.isfinite(hits.t).reshape(-1) | (hits.t.reshape(-1) > reach)
     return out
 
 
