@@ -16,8 +16,8 @@ from written_street import write_recipe
 
 from unisim_blender.core.cli.main import run, unisim
 from unisim_blender.core.data.fingerprint import Fingerprint, compare_log, fingerprint_of
-from unisim_blender.core.data.moved import MovedLog, moved_log
 from unisim_blender.core.data.log import Log
+from unisim_blender.core.data.moved import MovedLog, moved_log
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import Trajectory, make_pose, quaternion_from_yaw, transform_points
