@@ -14,7 +14,6 @@ import torch
 from torch import Tensor
 
 from .. import native
-from ..data.classes import motion_of
 from ..data.fingerprint import Fingerprint, fingerprint_of
 from ..data.log import Log, extras_of
 from ..errors import LogError
@@ -29,6 +28,7 @@ from ..model.volume import Volume
 from ..ops.constants import SYMMETRIC_CLASSES
 from ..ops.devices import kernel_threads, module_to, torch_threads, zeros_on_demand
 from ..ops.encode import GradientSink
+from ..world.classes import motion_of
 from ..world.drive import Actor, Drive
 from ..world.replay import with_windows
 from .batches.data import CameraData, LidarData, lidar_captures
