@@ -178,13 +178,14 @@ class TrainingSetup:
     def _make_optimisers(self) -> None:
         tables = []
         self.sinks: list[tuple[GradientSink, Tensor]] = []
+        has_kernels = self.config.device.startswith(("cpu", "cuda"))
         for module in self.model.modules():
             if isinstance(module, HashTable):
                 tables.append(module.table)
-                if self.config.device == "cpu":
+                if has_kernels:
                     module.sink = GradientSink()
                     self.sinks.append((module.sink, module.table))
-        if self.config.device == "cpu":
+        if has_kernels:
             self.model.actors.sink = GradientSink()
         appearances = self.model.actors.own()
         known = {id(p) for p in (*tables, *appearances)}

@@ -120,16 +120,20 @@ class Trainer(TrainingSetup):
         own = self.model.actors.sink
         return self.sinks if own is None else [*self.sinks, (own, tables)]
 
+    def _pour(self, tables: Tensor) -> None:
+        """Add the tables' gradients from their sinks; ``tables`` are the actors'."""
+        for sink, table in self._sinks_of(tables):
+            if table.grad is None:
+                table.grad = zeros_on_demand(table.shape, device=table.device)
+            sink.pour(table.grad)
+
     def _update(self, starts: list[BranchStart], tables: Tensor) -> None:
         """Add the branches' gradients up, in their order, and update what they are of; ``tables`` are the actors'."""
         with torch_threads(None):
             self.optimiser.zero_grad(set_to_none=False)
         for start in starts:
             start.gradients.add()
-        for sink, table in self._sinks_of(tables):
-            if table.grad is None:
-                table.grad = zeros_on_demand(table.shape)
-            sink.pour(table.grad)
+        self._pour(tables)
         with torch_threads(None):
             self.optimiser.step()
         with torch.no_grad():
