@@ -1,5 +1,6 @@
 // Operations of training and of torch's tracer, forward and backward, by one thread for each point and level, point, sample
-// or ray. The specification is plain torch: encode.py, field.py, density.py, gather.py and propose.py of core/ops.
+// or ray. The specification is plain torch, in core/ops/encode.py, core/ops/field.py, core/ops/density.py,
+// core/ops/gather.py and core/ops/propose.py.
 #pragma once
 #include "field.h"
 

@@ -103,7 +103,12 @@ EXPORT int cuDeviceGetName(char *name, int size, int) { return std::snprintf(nam
 EXPORT int cuDevicePrimaryCtxRetain(void **context, int) { return *context = &allocated, 0; }
 EXPORT int cuCtxSetCurrent(void *context) { return context == &allocated ? 0 : 201; }
 EXPORT int cuCtxSynchronize() { return 0; }
-EXPORT int cuModuleLoadData(void **module, const void *) { return *module = &mutex, 0; }
+// Machine code of another GPU, of which the driver says so: data that begins with "of another GPU".
+EXPORT int cuModuleLoadData(void **module, const void *data) {
+    *module = &mutex;
+    return std::strncmp(static_cast<const char *>(data), "of another GPU", 14) ? 0 : 209;
+}
+EXPORT int cuDeviceGetAttribute(int *value, int attribute, int) { return *value = attribute == 75 ? 9 : 0, 0; }
 EXPORT int cuModuleGetFunction(void **function, void *, const char *name) {
     const auto kernel = kernels.find(name);
     if (kernel == kernels.end()) return 500;
@@ -111,7 +116,9 @@ EXPORT int cuModuleGetFunction(void **function, void *, const char *name) {
     return 0;
 }
 EXPORT int cuGetErrorString(int code, const char **text) {
-    *text = code == 2 ? "out of memory" : code == 700 ? "an illegal memory access" : "another error";
+    *text = code == 2 ? "out of memory" : code == 209   ? "no kernel image is available"
+            : code == 700 ? "an illegal memory access"
+                          : "another error";
     return 0;
 }
 EXPORT int cuMemGetInfo_v2(size_t *free, size_t *total) { return *free = limit - used, *total = limit, 0; }

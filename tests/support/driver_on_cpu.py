@@ -29,7 +29,7 @@ def build_driver(folder: Path) -> Path:
 @contextmanager
 def loaded_driver(built: Path, patch: pytest.MonkeyPatch) -> Iterator[ctypes.CDLL]:
     """Inside, this driver finds a GPU; what is allocated is freed at the end."""
-    caches = cuda_driver.driver, cuda_driver.gpu
+    caches = cuda_driver.driver, cuda_driver.opened_gpu
     kernels = built.parent / "kernels.fatbin"
     kernels.write_bytes(b"of another compiler")
     patch.setattr(cuda_driver, "LIBRARY", str(built))

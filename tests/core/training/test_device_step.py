@@ -18,8 +18,11 @@ from torch import Tensor
 
 from unisim_blender.core import native
 from unisim_blender.core.data.log import Log
-from unisim_blender.core.ops import padding
+from unisim_blender.core.ops import padding, propose
 from unisim_blender.core.ops.padding import Padding, drawn, masked_mean, masked_quantile, selected
+from unisim_blender.core.ops.ray_segments import RayBatch
+from unisim_blender.core.render.tracers.torch import segments
+from unisim_blender.core.training import setup
 from unisim_blender.core.training.batches.data import CameraData, LidarData
 from unisim_blender.core.training.batches.images import PixelChoice, PixelDraw
 from unisim_blender.core.training.batches.on_device import DeviceImages, DeviceSweeps
@@ -146,6 +149,57 @@ def test_padded_terms_and_gradients_are_the_plain_ones(log: Log, even: None, cha
     assert sum(bool((a != 0).any()) for a in gradients) > 8, "most parameters learn something"
     for name, state in plain.occupancy.state().items():
         torch.testing.assert_close(other.occupancy.state()[name], state, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("hits", [None, 2.0])
+def test_cameras_learn_from_the_static_field(
+    log: Log, even: None, monkeypatch: pytest.MonkeyPatch, hits: float | None
+) -> None:
+    """The corrections' gradients are finite differences at samples that stay where they are along their rays."""
+    trainer = Trainer(log, EVERYTHING)
+    for module in (trainer.model, trainer.tracklets, trainer.camera_poses):
+        module.double()
+    monkeypatch.setattr(setup, "zeros_on_demand", lambda shape, **_: torch.zeros(shape, dtype=torch.float64))
+    with torch.no_grad():
+        for p in trainer.model.parameters():
+            p.add_(0.05 * torch.sin(torch.arange(p.numel()).view(p.shape)))
+    lengths = None if hits is None else Padding(hits, torch.zeros((), dtype=torch.long))
+    start = dataclasses.replace(trainer._start(0, 0.5, trainer.deferred(), Future()), padding=lengths)
+    batches = [
+        dataclasses.replace(b, rays=RayBatch(b.rays.origins.double(), b.rays.directions.double(), b.rays.time_s))
+        for b in trainer.branches.draw_pixels(start.rng, 0)[0]
+    ]
+    placed, calls = list[Any](), 0
+
+    def replayed(*args: Any) -> Any:
+        nonlocal calls
+        if calls == len(placed):
+            placed.append(propose.propose(*args))
+        calls += 1
+        return placed[calls - 1]
+
+    monkeypatch.setattr(segments, "propose", replayed)
+
+    def stopped() -> Tensor:
+        nonlocal calls
+        calls = 0
+        static = trainer.branches.seen(start, batches)[1].static
+        assert static is not None and len(static[0].ray)
+        features = static[0].features
+        return (static[0].stop_fraction[..., None] * features * torch.arange(1, features.shape[-1] + 1)).sum()
+
+    parameters = list(trainer.camera_poses.parameters())
+    gradients = torch.autograd.grad(stopped(), parameters)
+    for parameter, gradient in zip(parameters, gradients, strict=True):
+        for at in ((0, 1, 0), (0, 2, 1), (0, 0, 2)):
+            ends = []
+            for step in (1e-6, -1e-6):
+                with torch.no_grad():
+                    parameter[at] += step
+                    ends.append(float(stopped()))
+                    parameter[at] -= step
+            assert float(gradient[at]) == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=2e-3)
+            assert abs(float(gradient[at])) > 1e-3
 
 
 def test_a_device_draws_the_cells_rays_and_beams_that_the_host_draws(log: Log) -> None:
