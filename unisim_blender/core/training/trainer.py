@@ -19,7 +19,7 @@ from ..ops.segment_trace import SegmentTrace
 from ..render.tracers.torch.actor_tensors import ActiveActorTensors, ActorSetTensors
 from .branches import BranchGradients, BranchStart, LossBranches, run_branches
 from .config import TrainConfig
-from .setup import TrainingSetup
+from .setup import CompiledAdam, TrainingSetup
 
 BETA_MAX_LOG = math.log(100.0)
 """Logarithm of the largest sharpness, 1 / metres: a sharper surface is far thinner than the finest cell, and no gradient
@@ -129,8 +129,9 @@ class Trainer(TrainingSetup):
 
     def _update(self, starts: list[BranchStart], tables: Tensor) -> None:
         """Add the branches' gradients up, in their order, and update what they are of; ``tables`` are the actors'."""
-        with torch_threads(None):
-            self.optimiser.zero_grad(set_to_none=False)
+        if not isinstance(self.optimiser, CompiledAdam):
+            with torch_threads(None):
+                self.optimiser.zero_grad(set_to_none=False)
         for start in starts:
             start.gradients.add()
         self._pour(tables)
