@@ -75,6 +75,26 @@ def click() -> Iterator[float]:
     yield from key("LEFTMOUSE")
 
 
+def drag(x: float, y: float, to_x: float, to_y: float, shot: str = "", let_go: bool = True) -> Iterator[float]:
+    """Drag from one place of the window to another, as a hand does: in steps, with a look at what is under
+    the mouse first."""
+    yield from to(x - 3, y)
+    yield 0.15
+    yield from to(x, y)
+    yield 0.3
+    event("LEFTMOUSE", "PRESS")
+    yield 0.1
+    for share in np.linspace(0.1, 1.0, 8):
+        yield from to(x + share * (to_x - x), y + share * (to_y - y))
+        yield 0.1
+    if shot:
+        yield 0.3
+        screenshot(shot)
+    if let_go:
+        event("LEFTMOUSE", "RELEASE")
+        yield 0.3
+
+
 def middle(found: bpy.types.Area) -> tuple[float, float]:
     """The middle of an area."""
     region = next(r for r in found.regions if r.type == "WINDOW")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).parent))
 import hands
 from buttons import open_panel, redo_panel
-from hands import click, edits, import_dropped, key, look_at, middle, object_named, place, scenario, sidebar, to
+from hands import click, drag, edits, import_dropped, key, look_at, middle, object_named, place, scenario, sidebar, to
 from heart import uncounted
 from session import ARCHIVE, MODULE, OUT, area, choose, from_behind, inside, results, screenshot, start, until, view
 from tasks import begin, task
@@ -41,26 +41,6 @@ def driving() -> str:
     ego = object_of("EGO").matrix_world.translation
     cars = [o for o in bpy.context.scene.objects if o.unisim.kind == "ACTOR" and o.parent and "Car" in o.name]
     return min((o for o in cars if not o.hide_viewport), key=lambda o: (o.matrix_world.translation - ego).length).name
-
-
-def drag(x: float, y: float, to_x: float, to_y: float, shot: str = "", let_go: bool = True) -> Iterator[float]:
-    """Drag from one place of the window to another, as a hand does: in steps, with a look at what is under
-    the mouse first."""
-    yield from to(x - 3, y)
-    yield 0.15
-    yield from to(x, y)
-    yield 0.3
-    hands.event("LEFTMOUSE", "PRESS")
-    yield 0.1
-    for share in np.linspace(0.1, 1.0, 8):
-        yield from to(x + share * (to_x - x), y + share * (to_y - y))
-        yield 0.1
-    if shot:
-        yield 0.3
-        screenshot(shot)
-    if let_go:
-        hands.event("LEFTMOUSE", "RELEASE")
-        yield 0.3
 
 
 @uncounted

@@ -19,14 +19,13 @@ import numpy as np
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 
 sys.path.insert(0, str(Path(__file__).parent))
-import hands
 import importing
 import maneuvers
 from browser import choose_path
 from buttons import open_panel, press, redo_panel, typed
 from edit_panel import module, picked
 from first_drive import searched
-from hands import click, drop, edits, key, middle, place, to, write
+from hands import click, drag, drop, edits, key, middle, place, to, write
 from points import legend
 from rollouts import at_work
 from session import OUT, SCENE, area, inside, results, screenshot, start, until
@@ -97,7 +96,10 @@ def removed() -> Iterator[float]:
     shown = [location_3d_to_region_2d(region, space.region_3d, o.matrix_world.translation) for o in parked_row()]
     corners = np.array(shown) + [region.x, region.y]
     (left, down), (right, up) = corners.min(0), corners.max(0)
-    yield from boxed(left - 2, down, right + 2, up)
+    yield from to(left - 2, down)
+    yield from key("B")
+    yield 0.2
+    yield from drag(left - 2, down, right + 2, up)
     screenshot("ten_row_selected")
     yield from key("X")
     yield 0.3
@@ -110,20 +112,6 @@ def removed() -> Iterator[float]:
 def removals() -> list[str]:
     """The ids of the actors that are removed."""
     return sorted(uid for kind, uid in edits() if kind == "Remove")
-
-
-def boxed(x: float, y: float, to_x: float, to_y: float) -> Iterator[float]:
-    """B, and a box from one place of the window to another."""
-    yield from to(x, y)
-    yield from key("B")
-    yield 0.2
-    hands.event("LEFTMOUSE", "PRESS")
-    yield 0.1
-    for share in np.linspace(0.1, 1.0, 6):
-        yield from to(x + share * (to_x - x), y + share * (to_y - y))
-        yield 0.05
-    hands.event("LEFTMOUSE", "RELEASE")
-    yield 0.3
 
 
 def inserted() -> Iterator[float]:

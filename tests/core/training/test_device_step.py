@@ -10,35 +10,32 @@ from typing import Any
 
 import numpy as np
 import pytest
+import small_training
 import torch
 from no_host_decisions import HostDecision, NoHostDecisions
-from small_log import write_small_log
+from small_training import small_log
 from torch import Tensor
 
 from unisim_blender.core import native
 from unisim_blender.core.data.log import Log
-from unisim_blender.core.formats.readers import open_log
-from unisim_blender.core.ops import padding
+from unisim_blender.core.ops import padding, propose
 from unisim_blender.core.ops.padding import Padding, drawn, masked_mean, masked_quantile, selected
+from unisim_blender.core.ops.ray_segments import RayBatch
+from unisim_blender.core.render.tracers.torch import segments
+from unisim_blender.core.training import setup
 from unisim_blender.core.training.batches.data import CameraData, LidarData
 from unisim_blender.core.training.batches.images import PixelChoice, PixelDraw
 from unisim_blender.core.training.batches.on_device import DeviceImages, DeviceSweeps
 from unisim_blender.core.training.checkpoint import load_checkpoint, save_checkpoint
-from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.on_device import DeviceTrainer
 from unisim_blender.core.training.trainer import Trainer
 
-EVERYTHING = TrainConfig(
-    cameras=("front_camera",), lidars=("pandar64",), frames=(0, 1, 2, 3), preset="tiny", iterations=100, patches=4,
-    patch_cells=8, lidar_rays=256, perceptual_from=0.0, poses_from=0.0, unobserved_from=0.0, settled_from=0.0, prune_from=0,
-)  # fmt: skip
+EVERYTHING = dataclasses.replace(small_training.EVERYTHING, patches=4, lidar_rays=256)
 
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Log:
-    out = tmp_path_factory.mktemp("device") / "log"
-    write_small_log(out)
-    return open_log(out)
+    return small_log(tmp_path_factory.mktemp("device") / "log")
 
 
 @pytest.mark.parametrize(
@@ -94,14 +91,11 @@ def terms_of(trainer: Trainer, lengths: Padding | None) -> tuple[dict[str, Tenso
     leaves = [*start.gradients.leaves, *(trainer.camera_poses.parameters())]
 
     def step() -> tuple[dict[str, Tensor], list[Any], list[Tensor]]:
-        moved, seen = branches.seen(start, batches)
-        terms = dict(branches.camera_terms(start, moved, seen, weight).terms)
-        swept = branches.swept(start, lidar)
-        terms |= swept.terms | branches.unobserved(start) | branches.slopes(start, swept, seen)
+        terms, _, _, traced = branches.terms(start, batches, weight, lidar)
         gradients = torch.autograd.grad(torch.stack(list(terms.values())).sum(), leaves, allow_unused=True)
-        branches.update_occupancy(start, seen, camera=True)
-        branches.update_occupancy(start, swept.traced, camera=False)
-        return terms, [seen, swept.traced], [torch.zeros(()) if g is None else g for g in gradients]
+        for number, trace in enumerate(traced):
+            branches.update_occupancy(start, trace, camera=number == 0)
+        return terms, traced, [torch.zeros(()) if g is None else g for g in gradients]
 
     if lengths is None:
         return step()
@@ -155,6 +149,57 @@ def test_padded_terms_and_gradients_are_the_plain_ones(log: Log, even: None, cha
     assert sum(bool((a != 0).any()) for a in gradients) > 8, "most parameters learn something"
     for name, state in plain.occupancy.state().items():
         torch.testing.assert_close(other.occupancy.state()[name], state, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("hits", [None, 2.0])
+def test_cameras_learn_from_the_static_field(
+    log: Log, even: None, monkeypatch: pytest.MonkeyPatch, hits: float | None
+) -> None:
+    """The corrections' gradients are finite differences at samples that stay where they are along their rays."""
+    trainer = Trainer(log, EVERYTHING)
+    for module in (trainer.model, trainer.tracklets, trainer.camera_poses):
+        module.double()
+    monkeypatch.setattr(setup, "zeros_on_demand", lambda shape, **_: torch.zeros(shape, dtype=torch.float64))
+    with torch.no_grad():
+        for p in trainer.model.parameters():
+            p.add_(0.05 * torch.sin(torch.arange(p.numel()).view(p.shape)))
+    lengths = None if hits is None else Padding(hits, torch.zeros((), dtype=torch.long))
+    start = dataclasses.replace(trainer._start(0, 0.5, trainer.deferred(), Future()), padding=lengths)
+    batches = [
+        dataclasses.replace(b, rays=RayBatch(b.rays.origins.double(), b.rays.directions.double(), b.rays.time_s))
+        for b in trainer.branches.draw_pixels(start.rng, 0)[0]
+    ]
+    placed, calls = list[Any](), 0
+
+    def replayed(*args: Any) -> Any:
+        nonlocal calls
+        if calls == len(placed):
+            placed.append(propose.propose(*args))
+        calls += 1
+        return placed[calls - 1]
+
+    monkeypatch.setattr(segments, "propose", replayed)
+
+    def stopped() -> Tensor:
+        nonlocal calls
+        calls = 0
+        static = trainer.branches.seen(start, batches)[1].static
+        assert static is not None and len(static[0].ray)
+        features = static[0].features
+        return (static[0].stop_fraction[..., None] * features * torch.arange(1, features.shape[-1] + 1)).sum()
+
+    parameters = list(trainer.camera_poses.parameters())
+    gradients = torch.autograd.grad(stopped(), parameters)
+    for parameter, gradient in zip(parameters, gradients, strict=True):
+        for at in ((0, 1, 0), (0, 2, 1), (0, 0, 2)):
+            ends = []
+            for step in (1e-6, -1e-6):
+                with torch.no_grad():
+                    parameter[at] += step
+                    ends.append(float(stopped()))
+                    parameter[at] -= step
+            assert float(gradient[at]) == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=2e-3)
+            assert abs(float(gradient[at])) > 1e-3
 
 
 def test_a_device_draws_the_cells_rays_and_beams_that_the_host_draws(log: Log) -> None:
@@ -244,7 +289,9 @@ def test_a_device_learns_as_the_host_does_and_resumes(log: Log, tmp_path: Path) 
     """The same losses after as many steps, within what a seed changes; a checkpoint goes on to the same bits."""
     config = dataclasses.replace(EVERYTHING, patches=8, iterations=60)
     host, device = Trainer(log, config), DeviceTrainer(log, config)
+    table = device.model.static.grid.table.detach().clone()
     losses = [[trainer.step().get("rgb") for _ in range(40)] for trainer in (host, device)]
+    assert bool((device.model.static.grid.table != table).any()), "what sinks collect is learnt, too"
     save_checkpoint(tmp_path / "kept", device)
     ends = [np.mean([loss for loss in each[20:] if loss is not None]) for each in losses]
     begins = [next(loss for loss in each if loss is not None) for each in losses]
@@ -268,7 +315,7 @@ def test_a_steps_forward_pass_is_one_graph_of_operations(log: Log, plain: None) 
     weight = None if blocks is None else blocks[1]
 
     def loss() -> Tensor:
-        return torch.stack(list(trainer.terms(start, batches, weight, beams)[0].values())).sum()
+        return torch.stack(list(trainer.branches.terms(start, batches, weight, beams)[0].values())).sum()
 
     torch.manual_seed(0)
     wanted = loss()

@@ -13,7 +13,9 @@ from ..objects.imported import KINDS_OF_DRIVE, imported_objects
 from ..objects.meshes import size_of
 from .from_keys import DELTA_PROPERTIES, KEYABLE_PROPERTIES, LENS_PROPERTIES
 
-UNISIM_PROPERTIES = ("kind", "uid", "look", "look_scene", "model", "mesh", "label")
+UNISIM_PROPERTIES = (
+    "kind", "uid", "look", "look_scene", "mesh", "label", "model", "sees_ego_body", "row", "maneuvers",
+)  # fmt: skip
 """Properties that say what an object of a drive represents."""
 
 

@@ -175,12 +175,14 @@ def static_segments(scene: SceneModel, mask: StaticMask, rays: RayBatch, samplin
         if sampling.padding is None:
             # free space: rays that hit no occupied voxel take no sample
             ray = torch.nonzero(occupied)[:, 0]
-            o, d, u, t = o[ray], d[ray], u[ray], t[ray]
-            spans = RaySpans(o, d, t_near[ray], t_far[ray])
+            u, t, t_near, t_far = u[ray], t[ray], t_near[ray], t_far[ray]
         else:
-            # a ray's place has no gradient here, padded or not
-            o, d = o.detach(), d.detach()
-            ray, there, spans = torch.arange(n, device=o.device), occupied, RaySpans(o, d, t_near, t_far, longest_m)
+            ray, there = torch.arange(n, device=o.device), occupied
+    if there is None:
+        # camera corrections take gradients from where samples lie
+        o, d = o[ray], d[ray]
+    with torch.no_grad():
+        spans = RaySpans(o, d, t_near, t_far, longest_m)
         points = along(o, d, t)
         values = mask.apply(scene.static.values(points.reshape(-1, 3)).view(t.shape), ray, t, points)
         jitter = stratified(len(ray), sampling.count(samples.static), sampling.jitter, o, sampling.generator)
