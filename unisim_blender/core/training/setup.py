@@ -34,7 +34,7 @@ from ..world.replay import with_windows
 from .batches.data import CameraData, LidarData, lidar_captures
 from .batches.images import PixelChoice
 from .batches.sweeps import SweepRef, SweepWindow, all_sweeps_fit
-from .config import TrainConfig, recipe
+from .config import TrainConfig, rate_factor, recipe
 from .losses.shape import ShapeLosses
 from .losses.terms import Adversary, VggLoss, perceptual_stand_in
 from .losses.unobserved import UnobservedPrior
@@ -101,6 +101,7 @@ class TrainingSetup:
 
     def __init__(self, log: Log, config: TrainConfig) -> None:
         self.config, self.recipe = config, recipe(config)
+        self.rate_factor = rate_factor(self.recipe, config.patches * config.patch_cells**2)
         torch.manual_seed(config.seed)
         # noise that differs from key to key is for the labels to tell of: rays see a box at a few moments only
         self.log = log = with_drive(log, fitted(log.drive)) if self.recipe.refines_tracklets else log
@@ -211,13 +212,14 @@ class TrainingSetup:
     def _make_optimisers(self) -> None:
         tables = []
         self.sinks: list[tuple[GradientSink, Tensor]] = []
+        has_kernels = self.config.device.startswith(("cpu", "cuda"))
         for module in self.model.modules():
             if isinstance(module, HashTable):
                 tables.append(module.table)
-                if self.config.device == "cpu":
+                if has_kernels:
                     module.sink = GradientSink()
                     self.sinks.append((module.sink, module.table))
-        if self.config.device == "cpu":
+        if has_kernels:
             self.model.actors.sink = GradientSink()
         appearances = self.model.actors.own()
         known = {id(p) for p in (*tables, *appearances)}

@@ -14,6 +14,7 @@ from .. import native
 from ..data.log import Log
 from ..ops.devices import kernel_threads, torch_threads, zeros_on_demand
 from ..ops.encode import GradientSink
+from ..ops.mlp import in_bfloat16
 from ..ops.padding import Padding
 from ..ops.segment_trace import SegmentTrace
 from ..render.tracers.torch.actor_tensors import ActiveActorTensors, ActorSetTensors
@@ -75,7 +76,8 @@ class Trainer(TrainingSetup):
         starts = [self._start(number, done, deferred, seen) for number in range(len(work))]
         for sink, _ in self._sinks_of(deferred["tables"]):
             sink.clear()
-        results = run_branches([partial(f, start) for f, start in zip(work, starts, strict=True)], together)
+        with in_bfloat16(self.recipe.bfloat16):
+            results = run_branches([partial(f, start) for f, start in zip(work, starts, strict=True)], together)
         self._update(starts, deferred["tables"])
         if not branches.lidar_follows:
             for start, result in zip(starts, results, strict=True):
@@ -120,6 +122,13 @@ class Trainer(TrainingSetup):
         own = self.model.actors.sink
         return self.sinks if own is None else [*self.sinks, (own, tables)]
 
+    def _pour(self, tables: Tensor) -> None:
+        """Add the tables' gradients from their sinks; ``tables`` are the actors'."""
+        for sink, table in self._sinks_of(tables):
+            if table.grad is None:
+                table.grad = zeros_on_demand(table.shape, device=table.device)
+            sink.pour(table.grad)
+
     def _update(self, starts: list[BranchStart], tables: Tensor) -> None:
         """Add the branches' gradients up, in their order, and update what they are of; ``tables`` are the actors'."""
         if not isinstance(self.optimiser, CompiledAdam):
@@ -127,10 +136,7 @@ class Trainer(TrainingSetup):
                 self.optimiser.zero_grad(set_to_none=False)
         for start in starts:
             start.gradients.add()
-        for sink, table in self._sinks_of(tables):
-            if table.grad is None:
-                table.grad = zeros_on_demand(table.shape)
-            sink.pour(table.grad)
+        self._pour(tables)
         with torch_threads(None):
             self.optimiser.step()
         with torch.no_grad():
@@ -173,7 +179,7 @@ class Trainer(TrainingSetup):
         for group in (*self.optimiser.param_groups, *self.slow.param_groups):
             first, last = group["rates"]
             warm = min(1.0, (self.iteration + 1) / 100)
-            rate = warm * first * (last / first) ** done * LAST_RATE ** self._anneal(done)
+            rate = self.rate_factor * warm * first * (last / first) ** done * LAST_RATE ** self._anneal(done)
             if isinstance(group["lr"], Tensor):
                 group["lr"].fill_(rate)
             else:
