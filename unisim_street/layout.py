@@ -16,6 +16,7 @@ from unisim_blender.core.world.drive import Actor, Appearance
 from .assets import furniture
 from .assets.buildings import front_pose, house
 from .assets.cars import PAINTS, STYLES, car
+from .assets.people import CYCLIST_SIZE_M, PERSON_SIZE_M, cyclist, person
 from .assets.road import (
     HALF_ROAD_WIDTH_M,
     HALF_STREET_WIDTH_M,
@@ -74,6 +75,7 @@ def lay_out(
     turns_deg: Sequence[float] = (),
     traffic_leaves: bool = False,
     kind: Kind = "straight",
+    people: int = 0,
 ) -> Layout:
     """The layout of a seed, long enough for a drive of that many frames.
 
@@ -107,6 +109,7 @@ def lay_out(
     leaves = (start_x + _TRAFFIC_END_M, end_x - _TRAFFIC_END_M) if traffic_leaves else None
     _add_cars(rng, plan, travel, work_x, times, speed_m_s, leaves, kind == "crossing", assets, actors)
     _add_cones(rng, course, work_x, times, assets, actors)
+    _add_people(np.random.default_rng([seed, 20241103]), course, people, travel, times, assets, actors)
     lamps = [
         course.pose(x) @ [*furniture.lamp_tip(_kerb(x, side), -side), 1.0] for x, side in _lamp_posts(plan, travel)
     ]
@@ -296,6 +299,34 @@ def _add_cars(
                 turn = (0.0 if side < 0 else np.pi) + float(rng.normal(0, 0.012))
                 add(kind, np.array([[x, side * PARKED_Y_M + rng.normal(0, 0.06), 0.0]]), np.array([turn]), False)
             x += float(rng.uniform(6.0, 7.6))
+
+
+def _add_people(
+    rng: np.random.Generator,
+    course: Course,
+    count: int,
+    travel: float,
+    times: FloatArray,
+    assets: dict[str, Asset],
+    actors: dict[str, Actor],
+) -> None:
+    """Walkers on both pavements beside the kerb, some towards the ego; the second is a cyclist at the lane's edge."""
+    for number in range(1, count + 1):
+        if number == 2:
+            uid, label, size, asset = "cyclist-1", "Bicycle", CYCLIST_SIZE_M, cyclist("cyclist-1", rng)
+            x, y, speed, way, ground = 0.25 * travel + float(rng.uniform(8, 11)), -3.05, 4.4, 1.0, 0.0
+        else:
+            uid = f"person-{number - (number > 2):02d}"
+            label, size, asset = "Pedestrian", PERSON_SIZE_M, person(uid, rng)
+            x = 9.0 + (0.6 * travel + 14.0) * float(rng.uniform((number - 1) / count, number / count))
+            side, way = float(rng.choice([-1.0, 1.0])), float(rng.choice([-1.0, 1.0]))
+            y, speed, ground = side * (HALF_STREET_WIDTH_M - 1.85), float(rng.uniform(1.1, 1.6)), KERB_HEIGHT_M
+        assets[uid] = asset
+        path = x + way * speed * times
+        keys = np.stack([path, y + 0.05 * np.sin(path), np.full_like(path, ground + size[2] / 2)], -1)
+        yaw = np.arctan2(way * 0.05 * np.cos(path), way)
+        keys[:, 0], keys[:, 1], yaw = course.place(keys[:, 0], keys[:, 1], yaw)
+        actors[uid] = _actor(uid, label, size.copy(), Trajectory(times, keys, quaternion_from_yaw(yaw)), True, times)
 
 
 def _turning_cars(

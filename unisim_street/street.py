@@ -56,7 +56,7 @@ RECIPE_FORMAT, RECIPE_VERSION = "unisim-street", 1
 KINDS = get_args(Kind)
 """A straight street by day, which may have bends; the same by night; a curve; a crossing with cars that turn."""
 MAX_FRAMES = 1000
-MAX_SPEED_M_S, MAX_TURNS = 40.0, 20
+MAX_SPEED_M_S, MAX_TURNS, MAX_PEOPLE = 40.0, 20, 100
 ENGINES = ("exact", "cycles")
 """Who draws a street: its own renderer, its solids in closed form; or Cycles, its triangles, with
 light that bounces."""
@@ -96,6 +96,7 @@ class Recipe:
     speed_m_s: float = SPEED_M_S
     turns_deg: tuple[float, ...] = ()
     kind: Kind = "straight"
+    people: int = 0
 
     def __post_init__(self) -> None:
         wholes = (
@@ -104,6 +105,7 @@ class Recipe:
             ("width", 16, 8192),
             ("height", 16, 8192),
             ("paths", 1, 65536),
+            ("people", 0, MAX_PEOPLE),
         )
         for name, low, high in wholes:
             value = getattr(self, name)
@@ -187,13 +189,14 @@ def build_street(
     speed_m_s: float = SPEED_M_S,
     turns_deg: tuple[float, ...] = (),
     kind: Kind = "straight",
+    people: int = 0,
 ) -> Street:
     """The street of a recipe, and its recorded drive; the same arguments give the same street, to the bit."""
     turns = tuple(turns_deg)
     recipe = Recipe(
-        seed, frames, width, height, tuple(cameras), range_noise_m, engine, paths, lens, speed_m_s, turns, kind
+        seed, frames, width, height, tuple(cameras), range_noise_m, engine, paths, lens, speed_m_s, turns, kind, people
     )
-    layout = lay_out(seed, frames, speed_m_s, recipe.turns_deg, not recipe.is_usual, kind)
+    layout = lay_out(seed, frames, speed_m_s, recipe.turns_deg, not recipe.is_usual, kind, people)
     course = layout.plan.course
     times = FRAME_S * np.arange(frames)
     time_s = {frame: float(times[frame]) for frame in range(frames)}
@@ -249,7 +252,13 @@ def recipe_document(recipe: Recipe) -> dict[str, Any]:
     """The recipe as a JSON document."""
     document = {"format": RECIPE_FORMAT, "version": RECIPE_VERSION, **asdict(recipe), "cameras": list(recipe.cameras)}
     document["turns_deg"] = list(recipe.turns_deg)
-    for name, usual in (("lens", DEFAULT_LENS), ("speed_m_s", SPEED_M_S), ("turns_deg", []), ("kind", KINDS[0])):
+    for name, usual in (
+        ("lens", DEFAULT_LENS),
+        ("speed_m_s", SPEED_M_S),
+        ("turns_deg", []),
+        ("kind", KINDS[0]),
+        ("people", 0),
+    ):
         if document[name] == usual:
             del document[name]  # as programs from before these were there read and wrote it
     return document

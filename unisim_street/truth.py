@@ -167,7 +167,7 @@ def seen_colours(
     view = TracedView(bundles, hits, surfaces, np.zeros(len(t), np.int64), *bundles.shape)
     normal = np.zeros((len(t), 3))
     normal[surfaces.rays] = rotate_vectors(world.street_from_world.swapaxes(0, 1), surfaces.normals)
-    instance = np.maximum(hits.placement.astype(np.int32) - world.first_actor + 1, 0)
+    instance = world.instance_of(hits.placement)
     shape = *bundles.shape, 3
     return SeenColours(
         np.asarray(display(_radiance(world, view, 1)).reshape(shape), np.float64),
@@ -271,7 +271,7 @@ def _geometry(world: StreetWorld, pose: FloatArray, view: TracedView, samples: i
     seen, centre = view.surfaces, samples // 2
     normals = np.zeros((view.hits.t.size, 3))
     normals[seen.rays] = rotate_vectors(world.street_from_world.swapaxes(0, 1), seen.normals)
-    instance = np.maximum(view.hits.placement.astype(np.int32) - world.first_actor + 1, 0)
+    instance = world.instance_of(view.hits.placement)
     hit = np.isfinite(view.hits.t)
     pick = (slice(centre, None, samples), slice(centre, None, samples))
     depth = _image(view.hits.t.reshape(-1), view)[pick].astype(np.float32)
@@ -340,7 +340,7 @@ def echoes(world: StreetWorld, origins: FloatArray, directions: FloatArray, time
     returned, intensity = np.zeros(hits.t.size, bool), np.zeros(hits.t.size)
     returned[seen.rays] = strength / (distance / 100.0) ** 2 >= _MIN_RETURN_REFLECTIVITY
     intensity[seen.rays] = np.clip(brightness, 0, 1)
-    instance = np.maximum(hits.placement.astype(np.int32) - world.first_actor + 1, 0)
+    instance = world.instance_of(hits.placement)
     shape = bundles.shape
     return Echoes(hits.t, intensity.reshape(shape), returned.reshape(shape), instance)
 
@@ -360,12 +360,18 @@ class StreetWorld:
     instances: tuple[str, ...]
     sizes_m: list[FloatArray]
     street_from_world: FloatArray
+    owners: NDArray[np.int32]
+    """For each placement, the index in ``instances`` of its actor plus 1, whose limbs come after the actors; 0 for others."""
     light: Light = DAY
 
     @property
     def first_actor(self) -> int:
         """Number of the first actor's placement."""
-        return len(self.placements) - len(self.instances)
+        return int(np.argmax(self.owners > 0)) if self.instances else len(self.placements)
+
+    def instance_of(self, placement: NDArray[np.int16]) -> NDArray[np.int32]:
+        """Indices in ``instances`` plus 1 of placements (...) that were hit, 0 for the background and for -1, nothing."""
+        return np.append(self.owners, np.int32(0))[placement]
 
 
 def make_world(street: Street, drive: Drive) -> StreetWorld:
@@ -401,7 +407,13 @@ def _placed(
         window = actor.start_s, actor.end_s
         placements.append(AssetPlacement(actor.uid, asset_of(street, actor), motion, window, scale=scale))
     uids = tuple(actor.uid for actor in actors)
-    return StreetWorld(placements, uids, [actor.size_m for actor in actors], street_from_world, street.light)
+    owners = [0] * (len(placements) - len(uids)) + list(range(1, len(uids) + 1))
+    for number in range(len(placements) - len(uids), len(placements)):
+        limbs = list(placements[number].limbs())
+        placements += limbs
+        owners += [owners[number]] * len(limbs)
+    sizes = [actor.size_m for actor in actors]
+    return StreetWorld(placements, uids, sizes, street_from_world, np.array(owners, np.int32), street.light)
 
 
 def asset_of(street: Street, actor: Actor) -> Asset:

@@ -33,6 +33,7 @@ KINDS = ("straight", "night", "curve", "crossing")
     help="Bends of the street, evenly along the drive, separated by commas: to the left, negative ones to the right.",
 )
 @click.option("--kind", type=click.Choice(KINDS), default="straight", show_default=True, help="Of street.")
+@click.option("--people", default=0, show_default=True, help="Who walks along the street; the second rides a bicycle.")
 @click.option("--engine", type=click.Choice(ENGINES), default="exact", show_default=True, help="Who draws the images.")
 @click.option("--paths", default=96, show_default=True, help="Paths a pixel that Cycles traces.")
 @click.option(
@@ -61,6 +62,7 @@ def command(
     speed: float,
     turns: str,
     kind: Kind,
+    people: int,
     engine: str,
     paths: int,
     scenarios: tuple[Path, ...],
@@ -90,7 +92,9 @@ def command(
         bends = tuple(float(turn) for turn in turns.split(",") if turn.strip())
     except ValueError as error:
         raise click.UsageError(f"--turns {turns}: are degrees, separated by commas") from error
-    street = build_street(seed, frames, width, height, names, range_noise, engine, paths, lens, speed, bends, kind)
+    street = build_street(
+        seed, frames, width, height, names, range_noise, engine, paths, lens, speed, bends, kind, people
+    )
     write_log(street, out, jobs or os.cpu_count() or 1, progress=not quiet)
     if edits:
         scenarios = (*scenarios, *write_scenarios(street, out, out))

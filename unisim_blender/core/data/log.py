@@ -15,9 +15,9 @@ from ..files import content_digests
 from ..geometry import FloatArray
 from ..json_file import json_bytes
 from ..memo import memoized
+from ..world.classes import Motion
 from ..world.drive import Drive, LidarModel
 from ..world.drive_json import drive_to_json
-from .classes import Motion
 
 
 @dataclass(frozen=True)

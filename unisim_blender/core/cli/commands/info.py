@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ...data.classes import motion_of
 from ...data.log import Log, extras_of
 from ...data.values import doubts
 from ...errors import LogError, UnisimError, short
 from ...json_file import read_json
+from ...world.classes import motion_of
 from ...world.drive import Camera, Drive, Lidar
 from ..options import PATH
 
