@@ -127,8 +127,8 @@ def posed_log(log: Log, choice: Choice, progress: Callable[[float], object] = la
     bias = heading_bias(log.drive.world_from_ego, other.drive.world_from_ego)
     if bias is not None and abs(bias[0]) > max(SURE * bias[1], LEAST_BIAS_DEG):
         said.append(
-            f"the log's heading is turned by {bias[0]:+.2f} ± {bias[1]:.2f} degrees (left is positive) from where its "
-            f"sweeps go: a bias between its IMU and {before.lidar}"
+            f"the log's heading is turned by {bias[0]:+.2f} ± {bias[1]:.2f} degrees (left is positive) from where it goes, "
+            f"beside what {before.lidar}'s sweeps show: a bias of its IMU, or positions that drift sideways"
         )
     return PosedLog(other, tuple(said))
 
@@ -144,8 +144,8 @@ LEAST_ERROR_DEG = 0.05
 
 def heading_bias(recorded: Trajectory, refined: Trajectory) -> tuple[float, float] | None:
     """Return the mean angle, degrees, by which a recorded ego looks further to the left of where it goes than the
-    refined one, and its standard error: a bias between what gives the heading and the LiDAR; None where too little
-    moves."""
+    refined one, and its standard error: a bias between what gives the heading and the LiDAR, or positions that drift
+    sideways, which a straight drive does not tell apart; None where too little moves."""
     times = refined.times_s[(refined.times_s >= recorded.times_s[0]) & (refined.times_s <= recorded.times_s[-1])]
     if len(times) < 2:
         return None
