@@ -77,7 +77,8 @@ class Recipe:
     """All that a street depends on. ``range_noise_m``: deviation of the recorded LiDAR ranges; the truth has none.
 
     engine: who draws its images, one of `ENGINES`; paths: how many paths a pixel Cycles traces. lens: its cameras', one of
-    `STREET_LENSES`. speed_m_s: the drive's; turns_deg: bends of the street, to the left where positive, see `Course`.
+    `STREET_LENSES`. speed_m_s: the drive's; turns_deg: bends of the street, to the left where positive, see `Course`. thin:
+    whether it has wires, masts, railings and fences.
     """
 
     seed: int = 0
@@ -91,6 +92,7 @@ class Recipe:
     lens: str = DEFAULT_LENS
     speed_m_s: float = SPEED_M_S
     turns_deg: tuple[float, ...] = ()
+    thin: bool = False
 
     def __post_init__(self) -> None:
         wholes = (
@@ -120,6 +122,8 @@ class Recipe:
             )
         if self.engine != "exact" and (turns or speed != SPEED_M_S):
             raise LogError("a street with turns or another speed is drawn by the exact engine alone")
+        if not isinstance(self.thin, bool):
+            raise LogError(f"a street's thin is true or false, not {short(self.thin)}")
         if self.engine not in ENGINES:
             raise LogError(f"a street's engine is {' or '.join(ENGINES)}, not {short(self.engine)}")
         if not isinstance(self.lens, str) or self.lens not in STREET_LENSES:
@@ -151,6 +155,8 @@ class Street:
     static: Asset
     assets: dict[str, Asset]
     others: Mapping[str, Street] = field(default_factory=dict)
+    thin: int = 0
+    """How many of the last parts of ``static`` are wires, masts, railings and fences."""
 
     def ground_height(self, points_xy: FloatArray) -> FloatArray:
         """The known ground's height (N,) at x, y (N, 2), street frame."""
@@ -174,11 +180,14 @@ def build_street(
     lens: str = DEFAULT_LENS,
     speed_m_s: float = SPEED_M_S,
     turns_deg: tuple[float, ...] = (),
+    thin: bool = False,
 ) -> Street:
     """The street of a recipe, and its recorded drive; the same arguments give the same street, to the bit."""
     turns = tuple(turns_deg)
-    recipe = Recipe(seed, frames, width, height, tuple(cameras), range_noise_m, engine, paths, lens, speed_m_s, turns)
-    layout = lay_out(seed, frames, speed_m_s, recipe.turns_deg, traffic_leaves=not recipe.is_usual)
+    recipe = Recipe(
+        seed, frames, width, height, tuple(cameras), range_noise_m, engine, paths, lens, speed_m_s, turns, thin
+    )
+    layout = lay_out(seed, frames, speed_m_s, recipe.turns_deg, traffic_leaves=not recipe.is_usual, thin=thin)
     course = layout.plan.course
     times = FRAME_S * np.arange(frames)
     time_s = {frame: float(times[frame]) for frame in range(frames)}
@@ -205,11 +214,12 @@ def build_street(
         world_origin=origin,
     )
     if engine == "exact":
-        return Street(recipe, drive, layout.plan, layout.plan.asset(), layout.static, layout.assets)
+        return Street(recipe, drive, layout.plan, layout.plan.asset(), layout.static, layout.assets, thin=layout.thin)
     from .assets.meshed import meshed, meshed_ground  # scipy's, which a street of solids in logs can do without
 
     assets = {uid: meshed(asset) for uid, asset in layout.assets.items()}
-    return Street(recipe, drive, layout.plan, meshed_ground(layout.plan), meshed(layout.static), assets)
+    ground, static = meshed_ground(layout.plan), meshed(layout.static)
+    return Street(recipe, drive, layout.plan, ground, static, assets, thin=layout.thin)
 
 
 def _camera(
@@ -233,7 +243,7 @@ def recipe_document(recipe: Recipe) -> dict[str, Any]:
     """The recipe as a JSON document."""
     document = {"format": RECIPE_FORMAT, "version": RECIPE_VERSION, **asdict(recipe), "cameras": list(recipe.cameras)}
     document["turns_deg"] = list(recipe.turns_deg)
-    for name, usual in (("lens", DEFAULT_LENS), ("speed_m_s", SPEED_M_S), ("turns_deg", [])):
+    for name, usual in (("lens", DEFAULT_LENS), ("speed_m_s", SPEED_M_S), ("turns_deg", []), ("thin", False)):
         if document[name] == usual:
             del document[name]  # as programs from before these were there read and wrote it
     return document

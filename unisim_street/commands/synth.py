@@ -27,6 +27,7 @@ ENGINES = ("exact", "cycles")
     metavar="DEGREES",
     help="Bends of the street, evenly along the drive, separated by commas: to the left, negative ones to the right.",
 )
+@click.option("--thin", is_flag=True, help="Add wires, masts, railings and fences.")
 @click.option("--engine", type=click.Choice(ENGINES), default="exact", show_default=True, help="Who draws the images.")
 @click.option("--paths", default=96, show_default=True, help="Paths a pixel that Cycles traces.")
 @click.option(
@@ -54,6 +55,7 @@ def command(
     range_noise: float,
     speed: float,
     turns: str,
+    thin: bool,
     engine: str,
     paths: int,
     scenarios: tuple[Path, ...],
@@ -84,7 +86,18 @@ def command(
     except ValueError as error:
         raise click.UsageError(f"--turns {turns}: are degrees, separated by commas") from error
     street = build_street(
-        seed, frames, width, height, names, range_noise, engine, paths, lens=lens, speed_m_s=speed, turns_deg=bends
+        seed,
+        frames,
+        width,
+        height,
+        names,
+        range_noise,
+        engine,
+        paths,
+        lens=lens,
+        speed_m_s=speed,
+        turns_deg=bends,
+        thin=thin,
     )
     write_log(street, out, jobs or os.cpu_count() or 1, progress=not quiet)
     if edits:
