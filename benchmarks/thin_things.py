@@ -56,7 +56,7 @@ def main(
     if not street.thin:
         raise click.UsageError(f"{log} has no thin things: write it with unisim synth --thin")
     plain = build_street(r.seed, r.frames, r.width, r.height, r.cameras, lens=r.lens, speed_m_s=r.speed_m_s,
-                         turns_deg=r.turns_deg)  # fmt: skip
+                         turns_deg=r.turns_deg, kind=r.kind, people=r.people)  # fmt: skip
     renderer = Renderer(CompiledBackend(CompiledScene(scene), QUALITIES["balanced"]))
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)

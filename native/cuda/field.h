@@ -13,6 +13,10 @@ UNISIM_DEVICE inline float exp_of(float x) { return std::exp(x); }
 // Opacity of an optical depth: 1 - exp(-x) for x >= 0.
 UNISIM_DEVICE inline float opacity_of(float x) { return -std::expm1(-x); }
 UNISIM_DEVICE inline float softplus(float x) { return (x > 0 ? x : 0.0f) + std::log1p(std::exp(-std::fabs(x))); }
+UNISIM_DEVICE inline float sigmoid(float x) {
+    const float e = std::exp(-std::fabs(x));
+    return (x >= 0 ? 1.0f : e) / (1 + e);
+}
 // -log Phi(s): the optical depth in front of a place where the distance is s; 0 where that is too small to be visible.
 UNISIM_DEVICE inline float optical_depth_at(float s, float beta) {
     const float a = -beta * s;
@@ -34,15 +38,12 @@ UNISIM_DEVICE inline float float_of(uint16_t h) {
     return h & 0x8000 ? -x : x;
 }
 
-// The encoding (levels, features) of a point x of the unit cube by one of a field's grids. FEATURES and LEVELS 0: as
-// many as the grid has; else exactly so many, which stay in registers.
-template <int FEATURES, int LEVELS, class T>
-UNISIM_DEVICE inline void encode(const unisim_grid &g, const T *tables, int32_t grid, const float *x, float *code) {
-    const int features = FEATURES ? FEATURES : g.features, levels = LEVELS ? LEVELS : g.levels;
-    UNISIM_UNROLL
-    for (int level = 0; level < levels; ++level) {
-        uint32_t lower[3];
-        float fraction[3];
+// The cell of one level of a grid in which a point x of the unit cube lies: its lower vertex, and the fractions behind it.
+struct GridCell {
+    uint32_t lower[3];
+    float fraction[3];
+
+    UNISIM_DEVICE GridCell(const unisim_grid &g, int level, const float *x) {
         for (int a = 0; a < 3; ++a) {
             const float scale = g.scale[level * 3 + a], last = std::fmax(std::ceil(scale) - 1.0f, 0.0f);
             // NaN and points outside the cube are clamped to its nearest face
@@ -54,17 +55,37 @@ UNISIM_DEVICE inline void encode(const unisim_grid &g, const T *tables, int32_t 
             lower[a] = static_cast<uint32_t>(cell);
             fraction[a] = p - cell;
         }
+    }
+
+    // The row of one of its corners in a level with strides sy and sz, or of the hash that `mask` ends.
+    UNISIM_DEVICE uint32_t row(int corner, uint32_t sy, uint32_t sz, uint32_t mask) const {
+        const uint32_t i = lower[0] + (corner & 1), j = lower[1] + (corner >> 1 & 1), k = lower[2] + (corner >> 2);
+        return sy ? i + j * sy + k * sz : (i ^ j * 2654435761u ^ k * 805459861u) & mask;
+    }
+
+    // The weight of a corner along one axis.
+    UNISIM_DEVICE float along(int corner, int axis) const {
+        return corner >> axis & 1 ? fraction[axis] : 1 - fraction[axis];
+    }
+
+    UNISIM_DEVICE float weight(int corner) const { return along(corner, 0) * along(corner, 1) * along(corner, 2); }
+};
+
+// The encoding (levels, features) of a point x of the unit cube by one of a field's grids. FEATURES and LEVELS 0: as
+// many as the grid has; else exactly so many, which stay in registers.
+template <int FEATURES, int LEVELS, class T>
+UNISIM_DEVICE inline void encode(const unisim_grid &g, const T *tables, int32_t grid, const float *x, float *code) {
+    const int features = FEATURES ? FEATURES : g.features, levels = LEVELS ? LEVELS : g.levels;
+    UNISIM_UNROLL
+    for (int level = 0; level < levels; ++level) {
+        const GridCell cell(g, level, x);
         const uint32_t sy = g.stride_y[level], sz = g.stride_z[level], mask = g.size[level] - 1;
         const T *base = tables + (grid * g.grid_stride + g.offset[level]) * features;
         float *sum = code + level * features;
         for (int f = 0; f < features; ++f) sum[f] = 0;
         for (int corner = 0; corner < 8; ++corner) {
-            const uint32_t bx = corner & 1, by = corner >> 1 & 1, bz = corner >> 2;
-            const uint32_t i = lower[0] + bx, j = lower[1] + by, k = lower[2] + bz;
-            const uint32_t row = sy ? i + j * sy + k * sz : (i ^ j * 2654435761u ^ k * 805459861u) & mask;
-            const float weight = (bx ? fraction[0] : 1 - fraction[0]) * (by ? fraction[1] : 1 - fraction[1]) *
-                                 (bz ? fraction[2] : 1 - fraction[2]);
-            const T *values = base + static_cast<int64_t>(row) * features;
+            const float weight = cell.weight(corner);
+            const T *values = base + static_cast<int64_t>(cell.row(corner, sy, sz, mask)) * features;
             for (int f = 0; f < features; ++f) sum[f] += weight * float_of(values[f]);
         }
     }

@@ -180,7 +180,7 @@ def test_training_passes_over_what_has_no_torch(bare: Path, tmp_path: Path, monk
     assert "needs torch" in sentence and f"{bare}: has no torch and no scipy" in sentence
 
 
-def test_a_gpu_without_torch_is_a_sentence(bare: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_gpu_that_is_not_there_is_a_sentence(bare: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(interpreters, "WHEELS", site_packages(tmp_path))
     header = read_scene_header(SAMPLE / "scene")
     request = capture_request(
@@ -189,12 +189,12 @@ def test_a_gpu_without_torch_is_a_sentence(bare: Path, tmp_path: Path, monkeypat
     client = Client(str(bare))
     try:
         assert last(client.ask("lidar", **request, device="auto"))["event"] == "done"
-        event = last(client.ask("lidar", **request, device="cuda"))
+        cuda, mps = (last(client.ask("lidar", **request, device=device)) for device in ("cuda", "mps"))
     finally:
         client.close()
-    text = str(event["text"])
-    assert event["remedy"] == "interpreter"
-    assert text.startswith("this needs torch") and str(bare) in text
+    assert "no NVIDIA GPU is usable here" in str(cuda["text"]) and not cuda.get("remedy")
+    # torch would help
+    assert "Metal needs macOS, and torch" in str(mps["text"]) and mps["remedy"] == "interpreter"
 
 
 def sample_request(**more: Any) -> dict[str, Any]:

@@ -56,20 +56,29 @@ bool is_foreign(const char *at) {
     return value >= 0x550000000000 && value < 0x800000000000 && !(p >= arena && p < arena + SIZE);
 }
 
-// A kernel with the arguments that a launch points to.
-using Kernel = std::function<void(void **)>;
+// A kernel with the arguments that a launch points to. Those of training have torch's tensors, which are the CPU's here.
+using Call = std::function<void(void **)>;
+struct Kernel {
+    Call call;
+    bool of_torch = false;
+};
 template <class... Arguments, size_t... At>
-Kernel kernel_of(void (*function)(Arguments...), std::index_sequence<At...>) {
+Call call_of(void (*function)(Arguments...), std::index_sequence<At...>) {
     return [function](void **of) { function(*static_cast<std::decay_t<Arguments> *>(of[At])...); };
 }
-template <class... Arguments> Kernel kernel_of(void (*function)(Arguments...)) {
-    return kernel_of(function, std::index_sequence_for<Arguments...>());
+template <class... Arguments> Kernel kernel_of(void (*function)(Arguments...), bool of_torch = false) {
+    return {call_of(function, std::index_sequence_for<Arguments...>()), of_torch};
 }
 std::map<std::string, Kernel> kernels = {
     {"unisim_trace_rays", kernel_of(unisim_trace_rays)},       {"unisim_decode_beams", kernel_of(unisim_decode_beams)},
           {"unisim_begin_image", kernel_of(unisim_begin_image)},
     {"unisim_collect_pixels", kernel_of(unisim_collect_pixels)}, {"unisim_finish_pixels", kernel_of(unisim_finish_pixels)},
     {"unisim_judge_blocks", kernel_of(unisim_judge_blocks)},   {"unisim_fill_pixels", kernel_of(unisim_fill_pixels)},
+#define OF_TORCH(name) {#name, kernel_of(name, true)}
+    OF_TORCH(unisim_encode), OF_TORCH(unisim_encode_table_gradient), OF_TORCH(unisim_encode_point_gradient),
+    OF_TORCH(unisim_field), OF_TORCH(unisim_intervals), OF_TORCH(unisim_interval_gradients), OF_TORCH(unisim_weigh),
+    OF_TORCH(unisim_sum_features), OF_TORCH(unisim_weight_gradients), OF_TORCH(unisim_gather_gradients),
+    OF_TORCH(unisim_feature_gradients), OF_TORCH(unisim_propose_places),
 };
 
 } // namespace
@@ -78,6 +87,11 @@ std::map<std::string, Kernel> kernels = {
 
 EXPORT void limit_memory(size_t bytes) { limit = bytes; }
 EXPORT size_t memory_in_use() { return used; }
+std::map<std::string, int> launches;
+EXPORT int launches_of(const char *kernel) { return launches[kernel]; }
+EXPORT size_t size_of_encoded_points() { return sizeof(EncodedPoints); }
+EXPORT size_t size_of_gathered_segments() { return sizeof(GatheredSegments); }
+EXPORT size_t size_of_voxel_rays() { return sizeof(VoxelRays); }
 EXPORT size_t size_of_inputs() { return sizeof(TraceInputs); }
 EXPORT size_t size_of_image() { return sizeof(ImageInputs); }
 EXPORT int cuInit(unsigned) { return 0; }
@@ -89,15 +103,22 @@ EXPORT int cuDeviceGetName(char *name, int size, int) { return std::snprintf(nam
 EXPORT int cuDevicePrimaryCtxRetain(void **context, int) { return *context = &allocated, 0; }
 EXPORT int cuCtxSetCurrent(void *context) { return context == &allocated ? 0 : 201; }
 EXPORT int cuCtxSynchronize() { return 0; }
-EXPORT int cuModuleLoadData(void **module, const void *) { return *module = &mutex, 0; }
+// Machine code of another GPU, of which the driver says so: data that begins with "of another GPU".
+EXPORT int cuModuleLoadData(void **module, const void *data) {
+    *module = &mutex;
+    return std::strncmp(static_cast<const char *>(data), "of another GPU", 14) ? 0 : 209;
+}
+EXPORT int cuDeviceGetAttribute(int *value, int attribute, int) { return *value = attribute == 75 ? 9 : 0, 0; }
 EXPORT int cuModuleGetFunction(void **function, void *, const char *name) {
     const auto kernel = kernels.find(name);
     if (kernel == kernels.end()) return 500;
-    *function = &kernel->second;
+    *function = &*kernel;
     return 0;
 }
 EXPORT int cuGetErrorString(int code, const char **text) {
-    *text = code == 2 ? "out of memory" : code == 700 ? "an illegal memory access" : "another error";
+    *text = code == 2 ? "out of memory" : code == 209   ? "no kernel image is available"
+            : code == 700 ? "an illegal memory access"
+                          : "another error";
     return 0;
 }
 EXPORT int cuMemGetInfo_v2(size_t *free, size_t *total) { return *free = limit - used, *total = limit, 0; }
@@ -149,16 +170,18 @@ EXPORT int cuMemsetD8_v2(void *to, unsigned char value, size_t size) {
 EXPORT int cuLaunchKernel(void *function, unsigned blocks, unsigned, unsigned, unsigned threads, unsigned, unsigned,
                           unsigned, void *, void **arguments, void **) {
     const Opened opened;
+    const auto &[name, kernel] = *static_cast<decltype(kernels)::value_type *>(function);
+    ++launches[name];
     // pointers of the process's own memory would be the GPU's fault
     const char *inputs = static_cast<const char *>(arguments[0]);
-    for (size_t i = 0; i + 8 <= std::min(sizeof(TraceInputs), sizeof(ImageInputs)); i += 8)
+    for (size_t i = 0; !kernel.of_torch && i + 8 <= std::min(sizeof(TraceInputs), sizeof(ImageInputs)); i += 8)
         if (is_foreign(inputs + i)) return 700;
     for (const auto &[begin, size] : allocated)
-        for (size_t i = 0; size < 4096 && i + 8 <= size; i += 8)
+        for (size_t i = 0; !kernel.of_torch && size < 4096 && i + 8 <= size; i += 8)
             if (is_foreign(begin + i)) return 700;
     gridDim.x = blocks;
     blockDim.x = threads;
     for (blockIdx.x = 0; blockIdx.x < blocks; ++blockIdx.x)
-        for (threadIdx.x = 0; threadIdx.x < threads; ++threadIdx.x) (*static_cast<Kernel *>(function))(arguments);
+        for (threadIdx.x = 0; threadIdx.x < threads; ++threadIdx.x) kernel.call(arguments);
     return 0;
 }

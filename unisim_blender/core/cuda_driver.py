@@ -81,7 +81,7 @@ def driver() -> ctypes.CDLL | None:
 
 
 def missing() -> str:
-    """Return why no GPU traces rays here, in a sentence; "" where one does."""
+    """Return what a GPU lacks here to trace rays, in a sentence; "" where nothing is missing. It opens no GPU."""
     if driver() is None:
         return f"no NVIDIA GPU is usable here ({LIBRARY} is absent or finds none)"
     if KERNELS.is_file() or (SOURCE is not None and nvrtc() is not None):
@@ -98,8 +98,10 @@ def nvrtc() -> ctypes.CDLL | None:
         str(path) for folder in sys.path for name in NVRTC_FILES for path in sorted(Path(folder or ".").glob(name))
     )
     for name in (*packages, "libnvrtc.so.13", "libnvrtc.so.12", "nvrtc64_130_0.dll", "nvrtc64_120_0.dll"):
-        with suppress(OSError):
-            return ctypes.CDLL(name)
+        with suppress(OSError, AttributeError):
+            library = ctypes.CDLL(name)
+            _ = library.nvrtcGetCUBIN  # CUDA 11.1 has it
+            return library
     return None
 
 
@@ -166,13 +168,24 @@ class Gpu:
         self.call("cuDeviceGet", ctypes.byref(device), number)
         self.call("cuDevicePrimaryCtxRetain", ctypes.byref(self._context), device)
         self.enter()
-        kernels = KERNELS.read_bytes() if KERNELS.is_file() else compiled(self._capability(device))
-        self.call("cuModuleLoadData", ctypes.byref(self._module), kernels)
+        self._load(device)
         name = ctypes.create_string_buffer(256)
         self.call("cuDeviceGetName", name, len(name), device)
         self.name = name.value.decode()
         self._spare: dict[int, list[int]] = {}
         self._spare_pinned: dict[int, list[int]] = {}
+
+    def _load(self, device: ctypes.c_int) -> None:
+        """Load the file of `make cuda`; where it is absent, or has no code for this GPU, what NVRTC compiles."""
+        if KERNELS.is_file():
+            try:
+                return self.call("cuModuleLoadData", ctypes.byref(self._module), KERNELS.read_bytes())
+            except GpuMemoryError:
+                raise
+            except UnisimError as error:
+                if SOURCE is None or nvrtc() is None:
+                    raise UnisimError(f"{KERNELS} does not run on this GPU: {error}") from error
+        self.call("cuModuleLoadData", ctypes.byref(self._module), compiled(self._capability(device)))
 
     def _capability(self, device: ctypes.c_int) -> str:
         number = ctypes.c_int()
@@ -192,18 +205,20 @@ class Gpu:
         self.call("cuModuleGetFunction", ctypes.byref(function), self._module, name.encode())
         return function
 
-    def total_bytes(self) -> int:
-        """Return how much memory it has."""
+    def memory_bytes(self) -> tuple[int, int]:
+        """Return how much of its memory is free, and how much there is."""
         free, total = ctypes.c_size_t(), ctypes.c_size_t()
         self.call("cuMemGetInfo_v2", ctypes.byref(free), ctypes.byref(total))
-        return total.value
+        return free.value, total.value
 
-    def launch(self, name: str, threads: int, arguments: Sequence[Any], block: int = BLOCK) -> None:
-        """Have a kernel run in at least so many threads, after what was launched before. ``arguments`` are ctypes' values.
-        An error of a kernel is raised by a later call."""
+    def launch(
+        self, name: str, threads: int, arguments: Sequence[Any], block: int = BLOCK, stream: int | None = None
+    ) -> None:
+        """Have a kernel run in at least so many threads, after what was launched before in its stream. ``arguments`` are
+        ctypes' values. An error of a kernel is raised by a later call."""
         addresses = (ctypes.c_void_p * len(arguments))(*(ctypes.addressof(value) for value in arguments))
         blocks = -(-threads // block)
-        self.call("cuLaunchKernel", self.function(name), blocks, 1, 1, block, 1, 1, 0, None, addresses, None)
+        self.call("cuLaunchKernel", self.function(name), blocks, 1, 1, block, 1, 1, 0, stream, addresses, None)
 
     def allocate(self, size: int) -> int:
         """Return the address of so many bytes, of memory that was given back where there is some of that size. Raises
@@ -213,10 +228,14 @@ class Gpu:
         address = ctypes.c_void_p()
         try:
             self.call("cuMemAlloc_v2", ctypes.byref(address), ctypes.c_size_t(size))
-        except GpuMemoryError:
+        except GpuMemoryError as error:
             if not self.trim():
-                raise
-            self.call("cuMemAlloc_v2", ctypes.byref(address), ctypes.c_size_t(size))
+                free, total = self.memory_bytes()
+                raise GpuMemoryError(
+                    f"{self.name}: out of memory: {size / 2**20:.1f} MiB are wanted, {free / 2**20:.1f} of "
+                    f"{total / 2**20:.0f} MiB are free; close what else uses the GPU, or render on the CPU"
+                ) from error
+            return self.allocate(size)
         assert address.value is not None
         return address.value
 
@@ -264,10 +283,21 @@ class Gpu:
             raise kind(f"the GPU's driver: {name}: {(text.value or str(code).encode()).decode()}")
 
 
-@functools.cache
 def gpu(number: int) -> Gpu:
     """The GPU of a number, which the process shares. Raises `UnisimError`."""
-    return Gpu(number)
+    opened = opened_gpu(number)
+    if isinstance(opened, UnisimError):
+        raise opened
+    return opened
+
+
+@functools.cache
+def opened_gpu(number: int) -> Gpu | UnisimError:
+    """The GPU of a number, or why it cannot be used: what failed, such as a compilation, is not tried again."""
+    try:
+        return Gpu(number)
+    except UnisimError as error:
+        return error
 
 
 def rounded(size: int) -> int:

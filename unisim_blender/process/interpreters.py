@@ -137,6 +137,7 @@ def report_of(chosen: str) -> str:
         message("Renders with {path}", path=python.path),
         message("Python {version}, kernels: {kernels}", version=f"{about['python']}{torch}", kernels=about["kernels"]),
         f"{', '.join(about['devices'])}{memory}",
+        *about["warnings"],
     ]
     if about["training_lacks"]:
         said.append(

@@ -13,7 +13,7 @@ from ..render.code_identity import code_identity
 from ..scenario import scenario_to_json
 from ..scenario.times import carried_outside, parse_times, scenario_times_us, with_times
 from ..scenario.types import FRAME_FORMATS, SEQUENCE_FORMATS, Outputs, Scenario
-from ..scenes.recipe import RendererRecipe, RenderMethod, environment, scenes_of
+from ..scenes.recipe import RendererRecipe, RenderMethod, environment, scenes_of, used_device
 from ..scenes.scene import OpenScenes, Scene, capability_warnings
 from ..sensors.error_bound import ErrorBound
 from ..sensors.frames import CAMERA_PASSES
@@ -64,7 +64,7 @@ def plan_scenario(
             recipe=recipe,
             scenes=method.digests(recipe, drive),
             environment=dict(recipe.environment),
-            about=_about(prepared, recipe.scene, bool(settings.lidars)),
+            about=_about(prepared, recipe.scene, settings, options),
             captures=method.states(recipe, drive),
         ),
         prepared,
@@ -120,12 +120,19 @@ def _settings(prepared: PreparedScenario, options: RenderOptions, method: Render
         formats=tuple(name for name in FRAME_FORMATS if name in (outputs.formats or FRAME_FORMATS)),
         width=options.width or outputs.width,
         quality=options.quality or outputs.quality or "balanced",
-        device=options.device,
+        device=_device(prepared, options, method),
         draw=options.draw,
         contact_shadows=bool(outputs.contact_shadows),
         max_error=tuple(map(str, options.max_error)),
         renderer=method.name,
     )
+
+
+def _device(prepared: PreparedScenario, options: RenderOptions, method: RenderMethod) -> str:
+    """Return what renders: the CPU, for renderers and scenes that a GPU does not take. Raises `UnisimError`."""
+    if not method.trained:
+        return "cpu"
+    return used_device(options.device, scenes_of(prepared.scene, prepared.scenes.others(prepared.edited)))
 
 
 def _moments(
@@ -162,14 +169,21 @@ def _recipe(
     )
 
 
-def _about(prepared: PreparedScenario, scene: Scene | None, sweeps: bool) -> dict[str, Any]:
-    """Return the manifest's entries on what is rendered, and what ``scene`` cannot show of it."""
+def _about(
+    prepared: PreparedScenario, scene: Scene | None, settings: SequenceSettings, options: RenderOptions
+) -> dict[str, Any]:
+    """Return the manifest's entries on what is rendered, and what of it comes out otherwise than asked."""
     drive = prepared.edited
     about: dict[str, Any] = {
         "scenario": {"name": prepared.scenario.name, "sha256": scenario_hash(prepared.scenario)},
         "log": {"name": drive.name, "world_origin": drive.world_origin.tolist()},
     }
-    warnings = [] if scene is None else capability_warnings(scene, prepared.recorded, drive, sweeps)
+    warnings = (
+        [] if scene is None else capability_warnings(scene, prepared.recorded, drive, sweeps=bool(settings.lidars))
+    )
+    if settings.device != options.device:
+        what = f"the renderer {settings.renderer!r}" if scene is None else f"scene {scene.header.name!r}"
+        warnings.append(f"{what} has no kernels for --device {options.device}: the CPU renders")
     return about | ({"warnings": warnings} if warnings else {})
 
 

@@ -9,9 +9,11 @@ from __future__ import annotations
 import os
 import platform
 import socket
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -49,12 +51,36 @@ def backend_name(device: str, scenes: Sequence[Scene] = ()) -> str:
     return COMPILED if device == "cpu" else TORCH
 
 
+def used_device(device: str, scenes: Sequence[Scene] = ()) -> str:
+    """Return the device that computes scenes together where ``device`` is asked for: the CPU, for scenes that kernels of a GPU
+    do not take. Raises `UnisimError` for a device that does not work here."""
+    kind, colon, text = device.partition(":")
+    if kind not in ("cpu", "cuda", "mps") or (colon and not text.isdecimal()):
+        raise UnisimError(f"--device {device}: is none of cpu, cuda, cuda:0, cuda:1, mps and auto")
+    if (name := backend_name(device, scenes)) == GPU:
+        gpu_of(device)
+    if name != TORCH or kind == "cpu" or torch_device() == kind:
+        return device
+    if kind == "cuda" and not cuda_driver.missing():
+        return "cpu"
+    why = cuda_driver.missing() if kind == "cuda" else "Metal needs macOS, and torch"
+    helps = find_spec("torch") is None and (kind == "mps" or cuda_driver.driver() is not None)
+    raise UnisimError(f"--device {device}: {why}", remedy="interpreter" if helps else "")
+
+
+def torch_device() -> str:
+    """Return the best device of torch: "cuda", "mps", or "cpu", which is also what there is without torch."""
+    try:
+        import torch
+    except ModuleNotFoundError:
+        return "cpu"
+    return "cuda" if torch.cuda.is_available() else "mps" if torch.backends.mps.is_available() else "cpu"
+
+
 def gpu_of(device: str) -> cuda_driver.Gpu:
     """Return the GPU of a device: its own of "cuda:1", and of "cuda" one for each worker of this machine in turn. Raises
     `UnisimError`."""
     _, colon, text = device.partition(":")
-    if colon and not text.isdecimal():
-        raise UnisimError(f"--device {device}: is none of cpu, cuda, cuda:0, cuda:1, mps and auto")
     number = int(text) if colon else int(os.environ.get(WORKER_VARIABLE, "0")) % max(cuda_driver.count(), 1)
     return cuda_driver.gpu(number)
 
@@ -83,6 +109,7 @@ def load_backend(
     ``loaded`` holds the scenes that an earlier call has loaded, and afterwards those of this one. Raises `SceneError`.
     """
     every = {"": scene, **(others or {})}
+    device = used_device(device, tuple(every.values()))
     name = backend_name(device, tuple(every.values()))
     before, now, scenes = loaded or {}, Loaded(), {}
     for known_as, opened in every.items():
@@ -221,13 +248,16 @@ def difference(planned: Mapping[str, str], here: Mapping[str, str]) -> str:
 
 
 def pick_device(name: str, trains: bool = False) -> str:
-    """Return a device by its name; "auto" is the best there is here to render, or to train, which takes torch's."""
+    """Return a device by its name; "auto" is the best there is here to render, or to train, which takes torch's. A warning says
+    why a GPU that is here does not render."""
     if name != "auto":
         return name
-    if not trains and not cuda_driver.missing():
-        return "cuda"
+    if trains or cuda_driver.driver() is None:
+        return torch_device()
     try:
-        import torch
-    except ModuleNotFoundError:
-        return "cpu"
-    return "cuda" if torch.cuda.is_available() else "mps" if torch.backends.mps.is_available() else "cpu"
+        gpu_of("cuda")
+        return "cuda"
+    except UnisimError as error:
+        device = "cpu" if cuda_driver.missing() == "" else torch_device()
+        warnings.warn(f"{'torch' if device == 'cuda' else 'the CPU'} renders: {error}", stacklevel=2)
+        return device

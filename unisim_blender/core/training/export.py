@@ -19,6 +19,7 @@ from torch import Tensor
 
 from ..data.exposures import Exposures
 from ..data.images import resize_image
+from ..data.log import extras_of
 from ..data.own_vehicle import outlines_from_json, outlines_to_json, shows_scene
 from ..geometry import FloatArray, Trajectory, invert_pose, transform_points
 from ..model.checkpoint import TorchScene, save_scene
@@ -138,6 +139,8 @@ def header_of(trainer: Trainer, out: Path) -> SceneHeader:
         training["exposures"] = Exposures.of([c.sensor_id for _, c, _ in views], times_s, gains).to_json()
     if config.noise is not None:
         training["disturbed"] = config.noise
+    if (poses := extras_of(log).poses) != "log":
+        training["poses"] = poses
     return SceneHeader(
         path=out,
         name=out.name,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import sys
+import warnings
 from importlib import import_module, metadata, util
 from typing import Any
 
@@ -21,7 +22,9 @@ def about() -> dict[str, Any]:
     that is missing."""
     for name in ("click", "jsonschema", "OpenEXR", "PIL", "plyfile", "tqdm", "trimesh"):
         import_module(name)
-    best = pick_device("auto")
+    with warnings.catch_warnings(record=True) as noted:
+        warnings.simplefilter("always")
+        best = pick_device("auto")
     environment(best)
     lacking = [name for name in TRAINING_PACKAGES if util.find_spec(name) is None]
     return {
@@ -32,12 +35,13 @@ def about() -> dict[str, Any]:
         "devices": list(dict.fromkeys((best, "cpu"))),
         "memory_bytes": _device_bytes() if best == "cuda" else _memory_bytes(),
         "kernels": variant(),
+        "warnings": [str(each.message) for each in noted],
     }
 
 
 def _device_bytes() -> int:
     if not cuda_driver.missing():
-        return cuda_driver.gpu(0).total_bytes()
+        return cuda_driver.gpu(0).memory_bytes()[1]
     import torch
 
     return int(torch.cuda.get_device_properties(0).total_memory)

@@ -17,9 +17,11 @@ import numpy as np
 import pytest
 from analytic_scene import still
 from drive_frames import DriveFrames
+from driver_on_cpu import build_driver, loaded_driver
 from random_scene import CONFIGS, PASSES, TINY, edited, image_rays, saved
 from render.tracers.test_compiled_tracer import FEW, bits, close, needs_library, same_find, sweep_rays
 from whole_drive import bound_to
+from written_street import write_recipe
 
 from unisim_blender.core import cuda_driver
 from unisim_blender.core.cli.commands.render import default_jobs
@@ -29,6 +31,7 @@ from unisim_blender.core.executors import Processes
 from unisim_blender.core.geometry import Trajectory, quaternion_from_yaw
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.meshes.hits import MeshHits
+from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
 from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.quality import QUALITIES
 from unisim_blender.core.render.renderer import Renderer
@@ -36,42 +39,36 @@ from unisim_blender.core.render.tracers.compiled import gpu
 from unisim_blender.core.render.tracers.compiled.gpu import GpuBackend, GpuScene, ImageInputsStruct, TraceInputsStruct
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
-from unisim_blender.core.scenes.recipe import backend_name, environment, gpu_of, pick_device
+from unisim_blender.core.scenes import recipe
+from unisim_blender.core.scenes.recipe import (
+    backend_name,
+    environment,
+    gpu_of,
+    load_backend,
+    pick_device,
+    torch_device,
+    used_device,
+)
+from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.sensors.frames import CAMERA_PASSES, CameraFrame, RenderStats
 from unisim_blender.core.sensors.rays import Rays, exposure_window
+from unisim_blender.core.worker.about import about
 from unisim_blender.core.world.drive import Appearance, CameraModel, Drive, RollingShutter
 
-SOURCE = Path(__file__).parents[3] / "support" / "cuda_driver_on_cpu.cpp"
+SAMPLE = Path(__file__).parents[4] / "sample" / "scene"
 pytestmark = [needs_library, pytest.mark.skipif(shutil.which("g++") is None, reason="the driver is compiled by g++")]
 
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    library = tmp_path_factory.mktemp("driver") / "libcuda.so.1"
-    flags = ["-std=c++17", "-O2", "-shared", "-fPIC", "-fvisibility=hidden"]
-    subprocess.run(["g++", *flags, "-o", str(library), str(SOURCE)], check=True)
-    return library
+    return build_driver(tmp_path_factory.mktemp("driver"))
 
 
 @pytest.fixture
 def driver(built: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ctypes.CDLL]:
-    """A driver that finds a GPU; what a test allocates is freed at its end."""
-    caches = cuda_driver.driver, cuda_driver.gpu
-    kernels = built.parent / "kernels.fatbin"
-    kernels.write_bytes(b"of another compiler")
-    monkeypatch.setattr(cuda_driver, "LIBRARY", str(built))
-    monkeypatch.setattr(cuda_driver, "KERNELS", kernels)
-    for cache in caches:
-        cache.cache_clear()
-    library = cuda_driver.driver()
-    assert library is not None
-    library.limit_memory.argtypes, library.memory_in_use.restype = [ctypes.c_size_t], ctypes.c_size_t
-    library.limit_memory(1 << 32)
-    device = cuda_driver.gpu(0)
-    yield library
-    device.trim()
-    for cache in caches:
-        cache.cache_clear()
+    """A driver that finds a GPU."""
+    with loaded_driver(built, monkeypatch) as library:
+        yield library
 
 
 def both(folder: Path, quality: str = "balanced", other: Path | None = None) -> tuple[GpuBackend, CompiledBackend]:
@@ -227,10 +224,9 @@ def test_images_whose_cells_are_several_pixels(launches: list[str], tmp_path: Pa
 
 
 def test_an_image_of_the_sample(launches: list[str]) -> None:
-    sample = Path(__file__).parents[4] / "sample" / "scene"
     fast, slow = (
         DriveFrames(Renderer(backend), backend.scene.header.drive).camera("front_camera", 10, ("rgb", "depth"), 160)
-        for backend in of_small_images(both(sample))
+        for backend in of_small_images(both(SAMPLE))
     )
     assert "unisim_begin_image" in launches
     error = np.mean((fast.rgb.astype(float) - slow.rgb) ** 2)
@@ -377,7 +373,77 @@ def test_a_gpu_is_taken_where_one_traces(driver: ctypes.CDLL, monkeypatch: pytes
     assert "make cuda" in cuda_driver.missing() and backend_name("cuda") == "torch"
     monkeypatch.setattr(cuda_driver, "LIBRARY", "libnone.so")
     cuda_driver.driver.cache_clear()
-    assert "no NVIDIA GPU" in cuda_driver.missing() and pick_device("auto") != "gpu"
+    assert "no NVIDIA GPU" in cuda_driver.missing() and pick_device("auto") == torch_device()
+
+
+NVRTC = """
+#include <cstring>
+#define EXPORT extern "C" __attribute__((visibility("default")))
+EXPORT int nvrtcCreateProgram(void **, const char *, const char *, int, const char **, const char **) { return 0; }
+EXPORT int nvrtcCompileProgram(void *, int, const char **) { return FAULT; }
+EXPORT int nvrtcGetProgramLogSize(void *, size_t *size) { return *size = 8, 0; }
+EXPORT int nvrtcGetProgramLog(void *, char *text) { return std::memcpy(text, "line 1: ", 8), 0; }
+EXPORT int nvrtcGetCUBINSize(void *, size_t *size) { return *size = 9, 0; }
+EXPORT int nvrtcGetCUBIN(void *, char *code) { return std::memcpy(code, "compiled", 9), 0; }
+"""
+"""A compiler that compiles everything, or nothing."""
+
+
+def compiler(folder: Path, fault: int) -> ctypes.CDLL:
+    source, library = folder / f"nvrtc-{fault}.cpp", folder / f"nvrtc-{fault}.so"
+    source.write_text(NVRTC)
+    subprocess.run(["g++", "-shared", "-fPIC", f"-DFAULT={fault}", "-o", str(library), str(source)], check=True)
+    return ctypes.CDLL(str(library))
+
+
+def test_a_gpu_that_fails_says_why(driver: ctypes.CDLL, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("UNISIM_CACHE", str(tmp_path))
+    monkeypatch.setattr(recipe, "torch_device", lambda: "cpu")
+
+    def no_gpu(sentence: str) -> None:
+        cuda_driver.opened_gpu.cache_clear()
+        with pytest.warns(UserWarning, match=f"the CPU renders: .*{sentence}"):
+            assert pick_device("auto") == "cpu"
+        with pytest.raises(UnisimError, match=sentence):
+            used_device("cuda")
+        with pytest.raises(UnisimError, match=sentence):
+            load_backend(open_scene(SAMPLE), device="cuda")
+
+    # a file without code for this GPU: NVRTC compiles the source, if it is there and can
+    cuda_driver.KERNELS.write_bytes(b"of another GPU")
+    monkeypatch.setattr(cuda_driver, "nvrtc", lambda: None)
+    no_gpu("kernels.fatbin does not run on this GPU: .*cuModuleLoadData: no kernel image is available")
+    monkeypatch.setattr(cuda_driver, "nvrtc", lambda: compiler(tmp_path, 6))
+    no_gpu("NVRTC does not compile the kernels for capability 90: line 1")
+    monkeypatch.setattr(cuda_driver, "nvrtc", lambda: compiler(tmp_path, 0))
+    cuda_driver.opened_gpu.cache_clear()
+    assert pick_device("auto") == "cuda" == used_device("cuda")
+    # nothing that could be loaded
+    monkeypatch.setattr(cuda_driver, "KERNELS", tmp_path / "none.fatbin")
+    monkeypatch.setattr(cuda_driver, "nvrtc", lambda: None)
+    no_gpu("make cuda compiles it")
+    # what NVRTC compiled may itself be refused
+    monkeypatch.setattr(cuda_driver, "nvrtc", object)
+    monkeypatch.setattr(cuda_driver, "compiled", lambda capability: b"of another GPU")
+    no_gpu("cuModuleLoadData: no kernel image is available")
+    assert about()["devices"] == ["cpu"] and "no kernel image" in about()["warnings"][0]
+
+
+def test_what_a_gpu_does_not_take_is_rendered_by_the_cpu(
+    driver: ctypes.CDLL, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(recipe, "torch_device", lambda: "cpu")
+    on_gpu, _ = plan_scenario(SAMPLE.parent / "scenario.json", RenderOptions(frames="5", device="cuda"))
+    assert on_gpu.settings.device == "cuda" and on_gpu.environment["gpu"] == "a CPU" and "warnings" not in on_gpu.about
+    street = write_recipe(tmp_path / "log", 60, seed=3, frames=7, width=64, height=36)
+    surfels, _ = plan_scenario(street, RenderOptions(frames="5", device="cuda", renderer="surfel"))
+    assert surfels.settings.device == "cpu" and "gpu" not in surfels.environment
+    assert surfels.about["warnings"] == ["the renderer 'surfel' has no kernels for --device cuda: the CPU renders"]
+    # a scene that the kernels do not take, where torch has no GPU
+    monkeypatch.setattr(recipe, "not_taken", lambda config: "colour 'surface'")
+    by_torch, _ = plan_scenario(SAMPLE.parent / "scenario.json", RenderOptions(frames="5", device="cuda"))
+    assert by_torch.settings.device == "cpu" and "torch" in by_torch.environment
+    assert by_torch.about["warnings"][-1].endswith("has no kernels for --device cuda: the CPU renders")
 
 
 def test_one_gpu_for_each_worker(driver: ctypes.CDLL, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -396,7 +462,7 @@ def test_one_gpu_for_each_worker(driver: ctypes.CDLL, monkeypatch: pytest.Monkey
         with pytest.raises(UnisimError, match="--device cuda:3: there is no such GPU; this machine has 3"):
             gpu_of("cuda:3")
         with pytest.raises(UnisimError, match="--device cuda:x: is none of"):
-            gpu_of("cuda:x")
+            used_device("cuda:x")
     finally:
         driver.have_devices(1)
 

@@ -114,7 +114,7 @@ def command(
         report = render_sequence(
             plan,
             out,
-            jobs or default_jobs(options.device),
+            jobs or default_jobs(plan.settings.device),
             resume,
             on_moment=lambda key: bar.update(),
             on_reused=bar.update,
