@@ -227,17 +227,21 @@ class Renderer:
         inserted = (actor for actor in state.actors if actor.inserted) if self.shadows else ()
         return [actor for actor in inserted if actor.visible_to(camera)]
 
-    def _lattice(self, tracer: Tracer[Any], camera: Camera) -> int:
-        """Return the spacing of the lattice in pixels. An image wider than those that the scene was trained on shows
-        little detail that is smaller than their pixels."""
+    def _lattice(self, tracer: Tracer[Any], camera: Camera) -> tuple[int, float]:
+        """Return the spacing of the lattice in pixels, and the largest difference of colours in a block. An image wider
+        than those that the scene was trained on shows little detail that is smaller than their pixels."""
+        quality = tracer.quality
         scale = camera.model.width / (tracer.trained_width or camera.full_width or camera.model.width)
-        return min(tracer.quality.lattice, 2 ** int(np.log2(max(MAX_LATTICE_SPACING_PX * scale, 1.0))))
+        size = min(quality.lattice, 2 ** int(np.log2(max(MAX_LATTICE_SPACING_PX * scale, 1.0))))
+        if size == 1 and scale >= 1 and quality.lattice > 1 and quality.native_spread and tracer.trained_width != 0:
+            return 2, quality.native_spread
+        return size, quality.spread
 
     def _block(self, exposure: _Exposure, region: Region, whole: Region) -> CameraFrame:
         """Render a region by tracing all of its cells, and those around it that the decoder reads."""
         up, camera, time_s = exposure.tracer.upsample, exposure.camera, exposure.time_s
         cells = region.cells(up, exposure.tracer.reach, whole)
-        finished = self._on_device(exposure, cells, 1)
+        finished = self._on_device(exposure, cells, 1, 0.0)
         u, v = (x[cells] for x in pixel_grid(camera.model, up))
         rays = camera_rays(camera, time_s, u, v) if finished is None or exposure.shadowing else None
         along: FloatArray | Array | None
@@ -255,7 +259,7 @@ class Renderer:
     ) -> Iterator[Tile]:
         """Render tiles of the image by tracing the pixels that `progressive_strides` asks for."""
         camera, model, time_s, tracer = exposure.camera, exposure.camera.model, exposure.time_s, exposure.tracer
-        size = self._lattice(tracer, camera)
+        size, spread = self._lattice(tracer, camera)
         rows, columns = aligned(
             (slice(region.top, region.bottom), slice(region.left, region.right)), size, (model.height, model.width)
         )
@@ -281,13 +285,13 @@ class Renderer:
         sparse = SparseImage(shape)
         steps: Iterable[tuple[int, slice]]
         along_all = None
-        finished = self._on_device(exposure, (rows, columns), size)
+        finished = self._on_device(exposure, (rows, columns), size, spread)
         if finished is not None:
             along_all, sparse.values = finished.pop("along", None), finished
             tops = range(0, shape[0], band or shape[0])
             steps = [(1, slice(top, min(top + tops.step, shape[0]))) for top in tops]
         else:
-            steps = progressive_strides(sparse, size, tracer.quality.spread, trace, coarse, band)
+            steps = progressive_strides(sparse, size, spread, trace, coarse, band)
         for stride, done in steps:
             values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in sparse.values.items() if name != NEAR_BOXES}
             if stride > 1:
@@ -315,14 +319,14 @@ class Renderer:
             frame = self._frame(exposure, values["rgb"][inner], maps, rays, along, (slice(None), slice(None)))
             yield Tile(_blanked(frame, part), part)
 
-    def _on_device(self, exposure: _Exposure, cells: tuple[slice, slice], size: int) -> Maps | None:
+    def _on_device(self, exposure: _Exposure, cells: tuple[slice, slice], size: int, spread: float) -> Maps | None:
         """Return what `lattice_image` of a tracer on a GPU does; None where the host has to finish an image."""
         lattice_image = getattr(exposure.tracer, "lattice_image", None)
         seen = exposure.tracer.active.mesh_actors.seen_by(exposure.camera).actors
         if lattice_image is None or exposure.displaced or seen:
             return None
         values: Maps | None = lattice_image(
-            exposure.camera, exposure.time_s, cells, size, exposure.needed, exposure.stats
+            exposure.camera, exposure.time_s, cells, size, spread, exposure.needed, exposure.stats
         )
         if values is not None:
             values["rgb"] = self._bound.exposed(values["rgb"], exposure.camera.sensor_id, exposure.time_s)

@@ -325,12 +325,14 @@ class GpuTracer(CompiledTracer):
         time_s: float,
         cells: tuple[slice, slice],
         size: int,
+        spread: float,
         passes: set[str],
         stats: RenderStats,
     ) -> Maps | None:
         """Return colours, passes, and what depths are multiplied by along the optical axis, "along", of an image's rows
-        and columns ``cells``, (h w, ...), traced from a lattice of ``size``; None where the GPU cannot finish the image. Where a
-        cell is several pixels, its colours are theirs: (h w, up up 3), as they lie in the image of (h up, w up).
+        and columns ``cells``, (h w, ...), traced from a lattice of ``size`` with ``spread`` as in
+        `lattice.progressive_strides`; None where the GPU cannot finish the image. Where a cell is several pixels, its
+        colours are theirs: (h w, up up 3), as they lie in the image of (h up, w up).
         """
         scene, (rows, columns) = self._scenes[0], cells
         if self.space is not None or self._foreign or not scene.decodes:
@@ -339,7 +341,7 @@ class GpuTracer(CompiledTracer):
         try:
             while True:
                 with GpuMemory(self._gpu, reuse=True) as memory:
-                    image = LatticeImage(memory, self, camera, time_s, (rows, columns), size, passes)
+                    image = LatticeImage(memory, self, camera, time_s, (rows, columns), size, spread, passes)
                     if not image.sound:
                         return None
                     image.render()
@@ -414,6 +416,7 @@ class LatticeImage:
         time_s: float,
         cells: tuple[slice, slice],
         size: int,
+        spread: float,
         passes: set[str],
     ) -> None:
         self._memory, self._gpu, self._tracer, self._passes = memory, memory.gpu, tracer, passes
@@ -453,7 +456,7 @@ class LatticeImage:
             scene.lens(model), memory.upload(doubles(poses)), memory.upload(doubles(moments)),
             (ctypes.c_double * 3)(*camera.world_from_camera.at(time_s)[:3, 2]), origins, directions, times,
             head, convolutions, count, size, memory.upload((PlaneStruct * len(planes))(*planes)), len(planes),
-            block_tolerance(tracer.quality.spread), scene.observed if "unsupported" in passes else None,
+            block_tolerance(spread), scene.observed if "unsupported" in passes else None,
             self._at["rgb"], self._at.get("along"), self._at.get("unsupported"),
             memory.allocate(n), memory.allocate(n), memory.allocate(n // 3 + 1, clear=True), order,
             self._counts,
