@@ -8,7 +8,7 @@ street of its own. Each stage is a process with a share of the budget; one that 
 traceback and what it had found so far, and the next begins. FOLDER/gpu.json is written anew after each. Exit status 1:
 a stage failed, or a kernel disagreed with torch. To try it without a GPU:
 
-[TRITON_INTERPRET=1] python benchmarks/gpu.py --out FOLDER --device cpu --size 160x96 --seconds 5 \\
+python benchmarks/gpu.py --out FOLDER --device cpu --size 160x96 --seconds 5 \\
     --frames 4 --samples 300
 """
 
@@ -110,7 +110,6 @@ def summary(name: str, found: dict[str, Any]) -> str:
     said = ""
     if kind == "machine" and "torch" in found:
         said = f"{found.get('gpu', found['device'])}, Python {found['python']}, torch {found['torch']}, "
-        said += f"Triton {found['triton']}, "
         said += f"numpy {found['numpy']}"
     elif kind == "native":
         said = f"{found.get('variant', 'none')}, {'built now' if found.get('built') else 'not built now'}"

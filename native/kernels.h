@@ -35,6 +35,9 @@
         (const unisim_grid *g, const float *x, const int32_t *grid, int64_t n, const float *table, \
          const unisim_mlp *net, float *out, int threads), \
         (g, x, grid, n, table, net, out, threads)) \
+    KERNEL(int, adam, \
+        (const unisim_adam_part *parts, int count, float beta1, float beta2, int threads), \
+        (parts, count, beta1, beta2, threads)) \
     KERNEL(int, near_spheres, \
         (const float *origins, const float *directions, const int64_t *bin, int64_t n, const float *centres, \
          const float *radii, int64_t boxes, uint8_t *near, int threads), \

@@ -175,6 +175,13 @@ struct unisim_block_tolerance {
     float range, twist;     // of disparities, relative to the largest
 };
 
+// A parameter of `n` numbers and what Adam knows of it: see `unisim_adam`.
+struct unisim_adam_part {
+    int64_t n;
+    float *value, *gradient, *mean, *square;
+    float rate, root, eps; // learning rate / (1 - beta1^t); sqrt(1 - beta2^t)
+};
+
 // The signed distance at `t` metres along a ray, by the ray's number.
 typedef float (*unisim_distance)(int64_t ray, float t);
 

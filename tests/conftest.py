@@ -11,8 +11,6 @@ from pathlib import Path
 import pytest
 
 sys.path[:0] = [str(Path(__file__).parent / name) for name in ("support", "core", "reference")]
-# Triton looks when it is first imported
-os.environ.setdefault("TRITON_INTERPRET", "1")
 # else imageio forks before it starts ffmpeg, and gRPC's threads in the child close the pipes to it
 os.environ.setdefault("IMAGEIO_FFMPEG_NO_PREVENT_SIGINT", "1")
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from unisim_blender.core.world.drive import Actor, Appearance
 from .assets import furniture
 from .assets.buildings import front_pose, house
 from .assets.cars import PAINTS, STYLES, car
+from .assets.people import CYCLIST_SIZE_M, PERSON_SIZE_M, cyclist, person
 from .assets.road import (
     HALF_ROAD_WIDTH_M,
     HALF_STREET_WIDTH_M,
@@ -35,14 +37,24 @@ _TRAFFIC_END_M = 10.0
 _PARKED_STYLES = ("sedan", "hatchback", "suv", "estate", "van", "hatchback", "suv", "sedan")
 
 
+Kind = Literal["straight", "night", "curve", "crossing"]
+CURVE_RADIUS_M, CURVE_RAD = 60.0, np.pi / 2
+"""Radius of a curve at the middle line, and how far it turns: from 4 m ahead of the drive's start, odd seeds to the right."""
+_TURN_RADIUS_M, _TURN_SPEED_M_S = 5.5, 5.5
+"""Of cars that turn at a crossing."""
+_SIDE_STREET_M = 45.0
+"""How far beside the street cars of the side street are there: houses close it."""
+
+
 @dataclass(frozen=True)
 class Layout:
-    """Contents of the street that a seed generates. Assets by actor uid; actors in the street's frame."""
+    """Contents of the street that a seed generates. Assets by actor uid; actors and lamps (L, 3) in the street's frame."""
 
     plan: RoadPlan
     static: Asset
     assets: dict[str, Asset]
     actors: dict[str, Actor]
+    lamps: FloatArray
 
 
 def ego_poses(time_s: FloatArray, speed_m_s: float = SPEED_M_S, course: Course = STRAIGHT_COURSE) -> FloatArray:
@@ -57,9 +69,17 @@ def ego_poses(time_s: FloatArray, speed_m_s: float = SPEED_M_S, course: Course =
 
 
 def lay_out(
-    seed: int, frames: int, speed_m_s: float = SPEED_M_S, turns_deg: Sequence[float] = (), traffic_leaves: bool = False
+    seed: int,
+    frames: int,
+    speed_m_s: float = SPEED_M_S,
+    turns_deg: Sequence[float] = (),
+    traffic_leaves: bool = False,
+    kind: Kind = "straight",
+    people: int = 0,
 ) -> Layout:
     """The layout of a seed, long enough for a drive of that many frames.
+
+    A drive along a curve lies in it; one over a crossing reaches it about the drive's end, and meets cars that turn.
 
     ``traffic_leaves``: the street ends soon beyond the drive, and oncoming cars are there while they are in it; else it is so
     long that none reaches an end. Raises `LogError` where the drive is too short for the turns.
@@ -68,20 +88,47 @@ def lay_out(
     travel = speed_m_s * FRAME_S * (frames - 1)
     course = Course(turns_deg, travel)
     crossing_x = travel + float(rng.uniform(38.0, 44.0))
+    if kind == "curve":
+        arc = CURVE_RADIUS_M * CURVE_RAD
+        course = Course.of_legs((4.0, 0.0), (arc, (-1.0) ** seed / CURVE_RADIUS_M), (0.0, 0.0))
+        crossing_x = max(crossing_x, arc + 20.0)
+    elif kind == "crossing":
+        crossing_x += 0.6 * travel - travel - 26.0
     start_x, end_x = -100.0 - 1.3 * travel, travel + 1.3 * travel + 125.0
     if traffic_leaves:
         start_x, end_x = -140.0, travel + 170.0
     crossing = (crossing_x, crossing_x + 9.0)
     plan = RoadPlan(start_x, end_x, crossing, _patches(rng, travel), _manholes(rng, travel), course)
     work_x = travel * 0.5 + float(rng.uniform(13.0, 16.0))
+    if kind == "crossing":
+        work_x = crossing[1] + 20.0
     parts = _houses(rng, plan) + _furniture(rng, plan, travel, work_x)
     assets: dict[str, Asset] = {}
     actors: dict[str, Actor] = {}
     times = FRAME_S * np.arange(frames)
     leaves = (start_x + _TRAFFIC_END_M, end_x - _TRAFFIC_END_M) if traffic_leaves else None
-    _add_cars(rng, plan, travel, work_x, times, speed_m_s, leaves, assets, actors)
+    _add_cars(rng, plan, travel, work_x, times, speed_m_s, leaves, kind == "crossing", assets, actors)
     _add_cones(rng, course, work_x, times, assets, actors)
-    return Layout(plan, Asset("static", tuple(parts)), assets, actors)
+    _add_people(np.random.default_rng([seed, 20241103]), course, people, travel, times, assets, actors)
+    lamps = [
+        course.pose(x) @ [*furniture.lamp_tip(_kerb(x, side), -side), 1.0] for x, side in _lamp_posts(plan, travel)
+    ]
+    return Layout(plan, Asset("static", tuple(parts)), assets, actors, np.stack(lamps)[:, :3])
+
+
+def _kerb(x: float, side: float) -> FloatArray:
+    """Where what stands along the kerb of a side stands."""
+    return np.array([x, side * (HALF_ROAD_WIDTH_M + 0.55), KERB_HEIGHT_M])
+
+
+def _lamp_posts(plan: RoadPlan, travel: float) -> list[tuple[float, float]]:
+    """Places along the street, and sides, of lamp posts: none at the crossing."""
+    return [
+        (float(x), side)
+        for side, shift in ((1.0, 0.0), (-1.0, 11.0))
+        for x in np.arange(-62.0 + shift, travel + 95.0, 22.0)
+        if not plan.crossing[0] - 5.5 < x < plan.crossing[1] + 5.5
+    ]
 
 
 def _patches(rng: np.random.Generator, travel: float) -> tuple[tuple[float, float, float, float], ...]:
@@ -143,10 +190,9 @@ def _furniture(rng: np.random.Generator, plan: RoadPlan, travel: float, work_x: 
         return not plan.crossing[0] - room < x < plan.crossing[1] + room
 
     for side, shift in ((1.0, 0.0), (-1.0, 11.0)):
-        for x in np.arange(-62.0 + shift, travel + 95.0, 22.0):
-            at = np.array([x, side * kerb_y, KERB_HEIGHT_M])
-            if clear(x):
-                parts += stood(furniture.lamp_post(at, -side), float(x))
+        for x, beside in _lamp_posts(plan, travel):
+            if beside == side:
+                parts += stood(furniture.lamp_post(_kerb(x, side), -side), x)
         for x in np.arange(-56.0 + shift, travel + 95.0, 11.0):
             x = float(x + rng.uniform(-1.2, 1.2))
             if clear(x, 7.0) and rng.random() < 0.5:
@@ -195,12 +241,13 @@ def _add_cars(
     times: FloatArray,
     speed_m_s: float,
     leaves: tuple[float, float] | None,
+    turns: bool,
     assets: dict[str, Asset],
     actors: dict[str, Actor],
 ) -> None:
     paints = list(rng.permutation(PAINTS))
 
-    def add(kind: str, keys: FloatArray, yaw: FloatArray, moving: bool) -> None:
+    def add(kind: str, keys: FloatArray, yaw: FloatArray, moving: bool, way: Course = plan.course) -> None:
         uid = f"car-{len([a for a in actors if a.startswith('car-')]) + 1:02d}"
         style = STYLES[kind]
         assets[uid] = car(uid, style, str(paints[len(actors) % len(paints)]))
@@ -209,7 +256,9 @@ def _add_cars(
             inside = np.flatnonzero((keys[:, 0] > leaves[0]) & (keys[:, 0] < leaves[1]))
             there = times[inside]
         keys[:, 2] = style.height / 2
-        keys[:, 0], keys[:, 1], yaw = plan.course.place(keys[:, 0], keys[:, 1], yaw)
+        keys[:, 0], keys[:, 1], yaw = way.place(keys[:, 0], keys[:, 1], yaw)
+        if way is not plan.course:
+            there = times[np.abs(keys[:, 1]) < _SIDE_STREET_M]
         trajectory = Trajectory(times if moving else times[:1], keys, quaternion_from_yaw(yaw))
         actors[uid] = _actor(uid, style.label, style.size_m, trajectory, moving, there)
 
@@ -222,6 +271,13 @@ def _add_cars(
         ("pickup", -13.0, -LANE_WIDTH_M / 2 - 0.05, speed_m_s, 0.0, 1.5),
     ]
     oncoming = 2 * travel if leaves is None else travel + 8.4 * float(times[-1])
+    if turns:
+        for kind, way, begin, speed in _turning_cars(plan.crossing, float(times[-1]), speed_m_s):
+            along = np.stack([begin + speed * times, 0 * times, 0 * times], -1)
+            add(kind, along, 0 * times, True, way)
+        behind = plan.crossing[1] + 8.4 * (0.8 * float(times[-1]) + 3.5)
+        moving = [("suv", 12.0, *moving[2][2:]), ("hatchback", behind, *moving[3][2:]), moving[4]]
+        oncoming = 0.0
     for x in np.arange(95.0, 60.0 + oncoming, 37.0):
         moving.append(
             (_PARKED_STYLES[int(rng.integers(len(_PARKED_STYLES)))], float(x), LANE_WIDTH_M / 2, 8.4, np.pi, 0.0)
@@ -235,7 +291,7 @@ def _add_cars(
         add(kind, path, yaw + lean, True)
     for side in (-1.0, 1.0):
         x = -16.0 + float(rng.uniform(0, 3)) + (4.0 if side > 0 else 0.0)
-        while x < travel + 34.0:
+        while x < (plan.crossing[1] + 45.0 if turns else travel + 34.0):
             blocked = side < 0 and work_x - 9.5 < x < work_x + 11.0
             near_crossing = plan.crossing[0] - 9.0 < x < plan.crossing[1] + 9.0
             if not blocked and not near_crossing and rng.random() < 0.62:
@@ -243,6 +299,61 @@ def _add_cars(
                 turn = (0.0 if side < 0 else np.pi) + float(rng.normal(0, 0.012))
                 add(kind, np.array([[x, side * PARKED_Y_M + rng.normal(0, 0.06), 0.0]]), np.array([turn]), False)
             x += float(rng.uniform(6.0, 7.6))
+
+
+def _add_people(
+    rng: np.random.Generator,
+    course: Course,
+    count: int,
+    travel: float,
+    times: FloatArray,
+    assets: dict[str, Asset],
+    actors: dict[str, Actor],
+) -> None:
+    """Walkers on both pavements beside the kerb, some towards the ego; the second is a cyclist at the lane's edge."""
+    for number in range(1, count + 1):
+        if number == 2:
+            uid, label, size, asset = "cyclist-1", "Bicycle", CYCLIST_SIZE_M, cyclist("cyclist-1", rng)
+            x, y, speed, way, ground = 0.25 * travel + float(rng.uniform(8, 11)), -3.05, 4.4, 1.0, 0.0
+        else:
+            uid = f"person-{number - (number > 2):02d}"
+            label, size, asset = "Pedestrian", PERSON_SIZE_M, person(uid, rng)
+            x = 9.0 + (0.6 * travel + 14.0) * float(rng.uniform((number - 1) / count, number / count))
+            side, way = float(rng.choice([-1.0, 1.0])), float(rng.choice([-1.0, 1.0]))
+            y, speed, ground = side * (HALF_STREET_WIDTH_M - 1.85), float(rng.uniform(1.1, 1.6)), KERB_HEIGHT_M
+        assets[uid] = asset
+        path = x + way * speed * times
+        keys = np.stack([path, y + 0.05 * np.sin(path), np.full_like(path, ground + size[2] / 2)], -1)
+        yaw = np.arctan2(way * 0.05 * np.cos(path), way)
+        keys[:, 0], keys[:, 1], yaw = course.place(keys[:, 0], keys[:, 1], yaw)
+        actors[uid] = _actor(uid, label, size.copy(), Trajectory(times, keys, quaternion_from_yaw(yaw)), True, times)
+
+
+def _turning_cars(
+    crossing: tuple[float, float], duration_s: float, speed_m_s: float
+) -> list[tuple[str, Course, float, float]]:
+    """Cars that turn at a crossing: their style, way, metres along it at the drive's start, and speed.
+
+    The car ahead of the ego turns right, in time for it to go on; one from the right turns left before it; one that comes
+    towards it turns right; one from the left waits.
+    """
+    middle, lane, speed = sum(crossing) / 2, LANE_WIDTH_M / 2, _TURN_SPEED_M_S
+    side, radius, far = 2.2, _TURN_RADIUS_M, 100.0
+    right = (radius * np.pi / 2, -1 / radius), (0.0, 0.0)
+    run = middle - side - radius
+    wide = radius + 1.0
+    near = far + lane - wide
+    left = (near, 0.0), (wide * np.pi / 2, 1 / wide), (0.0, 0.0)
+    ahead = Course.of_legs((run, 0.0), *right, start=(0.0, -lane))
+    crosses = Course.of_legs(*left, start=(middle + side, -far), heading=np.pi / 2)
+    oncoming = Course.of_legs((far, 0.0), *right, start=(middle + side + radius + far, lane), heading=np.pi)
+    waits = Course.of_legs((far, 0.0), (0.0, 0.0), start=(middle - side, far), heading=-np.pi / 2)
+    return [
+        ("sedan", ahead, min(run - speed * (run / speed_m_s - 2.8), run + 2.0), speed),
+        ("hatchback", crosses, near - speed * 0.3 * duration_s, speed),
+        ("estate", oncoming, far - speed * 0.75 * duration_s, speed),
+        ("van", waits, far - 12.0, 0.3),
+    ]
 
 
 def _add_cones(

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -27,7 +27,8 @@ from unisim_blender.core.scenes.scene import Scene
 from unisim_blender.core.world.drive import Camera, CameraModel, Drive, Lidar
 
 from .assets.road import MAX_TURN_DEG, Course, RoadPlan
-from .layout import FRAME_S, SPEED_M_S, ego_poses, lay_out
+from .layout import FRAME_S, SPEED_M_S, Kind, ego_poses, lay_out
+from .paint.light import DAY, Light, night
 from .tracing.trace import Asset
 
 
@@ -52,8 +53,10 @@ STREET_LENSES = {
 
 RECIPE_FILE = "street.json"
 RECIPE_FORMAT, RECIPE_VERSION = "unisim-street", 1
+KINDS = get_args(Kind)
+"""A straight street by day, which may have bends; the same by night; a curve; a crossing with cars that turn."""
 MAX_FRAMES = 1000
-MAX_SPEED_M_S, MAX_TURNS = 40.0, 20
+MAX_SPEED_M_S, MAX_TURNS, MAX_PEOPLE = 40.0, 20, 100
 ENGINES = ("exact", "cycles")
 """Who draws a street: its own renderer, its solids in closed form; or Cycles, its triangles, with
 light that bounces."""
@@ -78,6 +81,7 @@ class Recipe:
 
     engine: who draws its images, one of `ENGINES`; paths: how many paths a pixel Cycles traces. lens: its cameras', one of
     `STREET_LENSES`. speed_m_s: the drive's; turns_deg: bends of the street, to the left where positive, see `Course`.
+    kind: one of `KINDS`.
     """
 
     seed: int = 0
@@ -91,6 +95,8 @@ class Recipe:
     lens: str = DEFAULT_LENS
     speed_m_s: float = SPEED_M_S
     turns_deg: tuple[float, ...] = ()
+    kind: Kind = "straight"
+    people: int = 0
 
     def __post_init__(self) -> None:
         wholes = (
@@ -99,6 +105,7 @@ class Recipe:
             ("width", 16, 8192),
             ("height", 16, 8192),
             ("paths", 1, 65536),
+            ("people", 0, MAX_PEOPLE),
         )
         for name, low, high in wholes:
             value = getattr(self, name)
@@ -118,6 +125,12 @@ class Recipe:
                 f"a street's turns_deg are up to {MAX_TURNS} numbers from 1 to {MAX_TURN_DEG:g} degrees, negative to the right, "
                 f"not {short(turns)}"
             )
+        if self.kind not in KINDS:
+            raise LogError(f"a street's kind is one of {', '.join(KINDS)}, not {short(self.kind)}")
+        if turns and self.kind in ("curve", "crossing"):
+            raise LogError(f"a street with turns_deg is straight or a night, not a {self.kind}")
+        if self.engine != "exact" and self.kind == "curve":
+            raise LogError("a curve is drawn by the exact engine alone")
         if self.engine != "exact" and (turns or speed != SPEED_M_S):
             raise LogError("a street with turns or another speed is drawn by the exact engine alone")
         if self.engine not in ENGINES:
@@ -128,7 +141,7 @@ class Recipe:
     @property
     def is_usual(self) -> bool:
         """Whether the street is straight and the drive at the usual speed."""
-        return not self.turns_deg and self.speed_m_s == SPEED_M_S
+        return not self.turns_deg and self.speed_m_s == SPEED_M_S and self.kind != "curve"
 
 
 def _is_number(value: object) -> bool:
@@ -150,6 +163,7 @@ class Street:
     ground: Asset
     static: Asset
     assets: dict[str, Asset]
+    light: Light = DAY
     others: Mapping[str, Street] = field(default_factory=dict)
 
     def ground_height(self, points_xy: FloatArray) -> FloatArray:
@@ -174,11 +188,15 @@ def build_street(
     lens: str = DEFAULT_LENS,
     speed_m_s: float = SPEED_M_S,
     turns_deg: tuple[float, ...] = (),
+    kind: Kind = "straight",
+    people: int = 0,
 ) -> Street:
     """The street of a recipe, and its recorded drive; the same arguments give the same street, to the bit."""
     turns = tuple(turns_deg)
-    recipe = Recipe(seed, frames, width, height, tuple(cameras), range_noise_m, engine, paths, lens, speed_m_s, turns)
-    layout = lay_out(seed, frames, speed_m_s, recipe.turns_deg, traffic_leaves=not recipe.is_usual)
+    recipe = Recipe(
+        seed, frames, width, height, tuple(cameras), range_noise_m, engine, paths, lens, speed_m_s, turns, kind, people
+    )
+    layout = lay_out(seed, frames, speed_m_s, recipe.turns_deg, not recipe.is_usual, kind, people)
     course = layout.plan.course
     times = FRAME_S * np.arange(frames)
     time_s = {frame: float(times[frame]) for frame in range(frames)}
@@ -193,7 +211,7 @@ def build_street(
     }
     lidar = Lidar(PANDAR64, pandar64(), world_from_ego.transformed(right=ego_from_lidar(PANDAR64)), dict(time_s))
     drive = Drive(
-        name=f"street-{seed}",
+        name=f"{'street' if kind == 'straight' else kind}-{seed}",
         frames=tuple(range(frames)),
         time_s=time_s,
         world_from_ego=world_from_ego,
@@ -204,12 +222,13 @@ def build_street(
         actors=actors,
         world_origin=origin,
     )
+    light = night(layout.lamps) if kind == "night" else DAY
     if engine == "exact":
-        return Street(recipe, drive, layout.plan, layout.plan.asset(), layout.static, layout.assets)
+        return Street(recipe, drive, layout.plan, layout.plan.asset(), layout.static, layout.assets, light)
     from .assets.meshed import meshed, meshed_ground  # scipy's, which a street of solids in logs can do without
 
     assets = {uid: meshed(asset) for uid, asset in layout.assets.items()}
-    return Street(recipe, drive, layout.plan, meshed_ground(layout.plan), meshed(layout.static), assets)
+    return Street(recipe, drive, layout.plan, meshed_ground(layout.plan), meshed(layout.static), assets, light)
 
 
 def _camera(
@@ -233,7 +252,13 @@ def recipe_document(recipe: Recipe) -> dict[str, Any]:
     """The recipe as a JSON document."""
     document = {"format": RECIPE_FORMAT, "version": RECIPE_VERSION, **asdict(recipe), "cameras": list(recipe.cameras)}
     document["turns_deg"] = list(recipe.turns_deg)
-    for name, usual in (("lens", DEFAULT_LENS), ("speed_m_s", SPEED_M_S), ("turns_deg", [])):
+    for name, usual in (
+        ("lens", DEFAULT_LENS),
+        ("speed_m_s", SPEED_M_S),
+        ("turns_deg", []),
+        ("kind", KINDS[0]),
+        ("people", 0),
+    ):
         if document[name] == usual:
             del document[name]  # as programs from before these were there read and wrote it
     return document

@@ -33,6 +33,7 @@ from .truth import (
     StreetWorld,
     TracedView,
     contact,
+    lamplight,
     make_world,
     resize,
     strips,
@@ -147,11 +148,12 @@ def _same(world_a: StreetWorld, a: TracedView, world_b: StreetWorld, b: TracedVi
 
 
 def _light(world: StreetWorld, view: TracedView, samples: int) -> FloatArray:
-    """Sun and openness (M, 2) of every flat ray's surface."""
+    """Sun, openness and lamplight (M, 3) of every flat ray's surface."""
     time = view.bundles.time_s.reshape(-1)
-    out = np.ones((len(time), 2))
+    out = np.ones((len(time), 3))
     out[view.surfaces.rays, 0] = sun_visibility(world, view.surfaces, time, view.subsample, samples)
     out[view.surfaces.rays, 1] = contact(world, view.surfaces, time)
+    out[view.surfaces.rays, 2] = lamplight(world, view.surfaces, time)
     return out
 
 

@@ -22,7 +22,18 @@ from unisim_blender.core.sensors.unprojection import image_mask
 from unisim_blender.core.world.drive import Actor, Box, Camera, Drive, StaticCopy
 from unisim_blender.core.world.replay import WorldState, with_windows
 
-from .paint.light import SUN, display, shade, sky, sun_directions
+from .paint.light import (
+    DAY,
+    LAMP_COLOUR,
+    LAMP_REACH_M,
+    SUN,
+    Light,
+    display,
+    lamp_light,
+    shade,
+    sky,
+    sun_directions,
+)
 from .street import Street, street_origin
 from .tracing.surface_hits import Surfaces, look_up
 from .tracing.trace import (
@@ -45,6 +56,8 @@ _SHADOW_RAY_OFFSET_M = 1e-3
 _MIN_RETURN_REFLECTIVITY = 0.02
 """Least reflectivity x cosine at 100 m that still returns."""
 _BEAM_DIVERGENCE_RAD = 0.003
+_MIN_LAMP_LIGHT = 5e-3
+"""Less of a lamp's light is none."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +167,7 @@ def seen_colours(
     view = TracedView(bundles, hits, surfaces, np.zeros(len(t), np.int64), *bundles.shape)
     normal = np.zeros((len(t), 3))
     normal[surfaces.rays] = rotate_vectors(world.street_from_world.swapaxes(0, 1), surfaces.normals)
-    instance = np.maximum(hits.placement.astype(np.int32) - world.first_actor + 1, 0)
+    instance = world.instance_of(hits.placement)
     shape = *bundles.shape, 3
     return SeenColours(
         np.asarray(display(_radiance(world, view, 1)).reshape(shape), np.float64),
@@ -170,11 +183,14 @@ def _radiance(world: StreetWorld, view: TracedView, samples: int) -> FloatArray:
     time = view.bundles.time_s.reshape(-1)
     out = np.empty_like(directions)
     missed = ~np.isfinite(view.hits.t.reshape(-1))
-    out[missed] = sky(directions[missed])
+    out[missed] = sky(directions[missed], world.light)
     seen = view.surfaces
     sunlit = sun_visibility(world, seen, time, view.subsample, samples)
     ambient = contact(world, seen, time)
-    out[seen.rays] = shade(seen.albedo, seen.gloss, seen.soft_normals, directions[seen.rays], sunlit, ambient)
+    lamps = lamplight(world, seen, time)[:, None] * LAMP_COLOUR
+    out[seen.rays] = shade(
+        seen.albedo, seen.gloss, seen.soft_normals, directions[seen.rays], sunlit, ambient, lamps, world.light
+    )
     return out
 
 
@@ -187,6 +203,20 @@ def sun_visibility(
     out = np.zeros(len(seen.rays))
     start = seen.points[faces] + _SHADOW_RAY_OFFSET_M * seen.normals[faces]
     out[faces] = lit(world.placements, start, toward[faces], time_s[seen.rays][faces])
+    return out
+
+
+def lamplight(world: StreetWorld, seen: Surfaces, time_s: FloatArray) -> FloatArray:
+    """Light (N,) of all lamps that surfaces see, in `LAMP_COLOUR`."""
+    out = np.zeros(len(seen.rays))
+    for lamp in world.light.lamps:
+        near = np.flatnonzero(((seen.points - lamp) ** 2).sum(1) < LAMP_REACH_M**2)
+        light, toward, distance = lamp_light(lamp, seen.points[near], seen.soft_normals[near])
+        lit_side = (light > _MIN_LAMP_LIGHT) & ((toward * seen.normals[near]).sum(1) > 0)
+        near, light, toward, distance = near[lit_side], light[lit_side], toward[lit_side], distance[lit_side]
+        start = seen.points[near] + _SHADOW_RAY_OFFSET_M * seen.normals[near]
+        reach = distance - _SHADOW_RAY_OFFSET_M
+        out[near] += light * lit(world.placements, start, toward, time_s[seen.rays[near]], reach)
     return out
 
 
@@ -241,7 +271,7 @@ def _geometry(world: StreetWorld, pose: FloatArray, view: TracedView, samples: i
     seen, centre = view.surfaces, samples // 2
     normals = np.zeros((view.hits.t.size, 3))
     normals[seen.rays] = rotate_vectors(world.street_from_world.swapaxes(0, 1), seen.normals)
-    instance = np.maximum(view.hits.placement.astype(np.int32) - world.first_actor + 1, 0)
+    instance = world.instance_of(view.hits.placement)
     hit = np.isfinite(view.hits.t)
     pick = (slice(centre, None, samples), slice(centre, None, samples))
     depth = _image(view.hits.t.reshape(-1), view)[pick].astype(np.float32)
@@ -310,7 +340,7 @@ def echoes(world: StreetWorld, origins: FloatArray, directions: FloatArray, time
     returned, intensity = np.zeros(hits.t.size, bool), np.zeros(hits.t.size)
     returned[seen.rays] = strength / (distance / 100.0) ** 2 >= _MIN_RETURN_REFLECTIVITY
     intensity[seen.rays] = np.clip(brightness, 0, 1)
-    instance = np.maximum(hits.placement.astype(np.int32) - world.first_actor + 1, 0)
+    instance = world.instance_of(hits.placement)
     shape = bundles.shape
     return Echoes(hits.t, intensity.reshape(shape), returned.reshape(shape), instance)
 
@@ -330,11 +360,18 @@ class StreetWorld:
     instances: tuple[str, ...]
     sizes_m: list[FloatArray]
     street_from_world: FloatArray
+    owners: NDArray[np.int32]
+    """For each placement, the index in ``instances`` of its actor plus 1, whose limbs come after the actors; 0 for others."""
+    light: Light = DAY
 
     @property
     def first_actor(self) -> int:
         """Number of the first actor's placement."""
-        return len(self.placements) - len(self.instances)
+        return int(np.argmax(self.owners > 0)) if self.instances else len(self.placements)
+
+    def instance_of(self, placement: NDArray[np.int16]) -> NDArray[np.int32]:
+        """Indices in ``instances`` plus 1 of placements (...) that were hit, 0 for the background and for -1, nothing."""
+        return np.append(self.owners, np.int32(0))[placement]
 
 
 def make_world(street: Street, drive: Drive) -> StreetWorld:
@@ -370,7 +407,13 @@ def _placed(
         window = actor.start_s, actor.end_s
         placements.append(AssetPlacement(actor.uid, asset_of(street, actor), motion, window, scale=scale))
     uids = tuple(actor.uid for actor in actors)
-    return StreetWorld(placements, uids, [actor.size_m for actor in actors], street_from_world)
+    owners = [0] * (len(placements) - len(uids)) + list(range(1, len(uids) + 1))
+    for number in range(len(placements) - len(uids), len(placements)):
+        limbs = list(placements[number].limbs())
+        placements += limbs
+        owners += [owners[number]] * len(limbs)
+    sizes = [actor.size_m for actor in actors]
+    return StreetWorld(placements, uids, sizes, street_from_world, np.array(owners, np.int32), street.light)
 
 
 def asset_of(street: Street, actor: Actor) -> Asset:

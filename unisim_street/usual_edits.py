@@ -39,11 +39,13 @@ def usual_edits(street: Street) -> dict[str, list[dict[str, Any]]]:
     actors = street.drive.actors
     # the left row: the right one has the works' cones and skip
     parked = {uid: actor for uid, actor in actors.items() if uid.startswith("car-") and _parked_left(street, actor)}
-    x = {uid: float(actor.world_from_actor.positions[0, 0]) for uid, actor in parked.items()}
+    x = {uid: _coordinates(street, actor)[0] for uid, actor in parked.items()}
     middle = sum(_PARKED_AHEAD_M) / 2
     removed = min(x, key=lambda uid: abs(x[uid] - middle))
     travel = float(np.ptp(street.drive.world_from_ego.positions[:, 0]))
     places = np.arange(_PARKED_AHEAD_M[0], 2 * _PARKED_AHEAD_M[1], 0.5)
+    low, high = street.plan.crossing
+    places = places[(places < low - _USUAL_CAR_LENGTH_M) | (places > high + _USUAL_CAR_LENGTH_M)]
     away = np.abs(places[:, None] - np.array(list(x.values()))).min(1)
     # of the places with room for a car the one that is seen best
     roomy = places[away >= min(_USUAL_CAR_LENGTH_M + 0.8, away.max())]
@@ -51,16 +53,23 @@ def usual_edits(street: Street) -> dict[str, list[dict[str, Any]]]:
     # what no camera came near shows nobody how it looks
     passed = [uid for uid in x if uid != removed and _PARKED_AHEAD_M[0] <= x[uid] <= _PARKED_AHEAD_M[1] + travel]
     appearance = min(passed or [removed], key=lambda uid: abs(float(actors[uid].size_m[0]) - _USUAL_CAR_LENGTH_M))
-    position = [place, PARKED_Y_M - float(street.drive.world_origin[1]), float(actors[appearance].size_m[2]) / 2]
+    at = street.plan.course.place(*(np.array([value]) for value in (place, PARKED_Y_M, np.pi)))
+    x_m, y_m, yaw_deg = (float(value[0]) * scale for value, scale in zip(at, (1.0, 1.0, 180 / np.pi), strict=True))
+    position = [x_m, y_m - float(street.drive.world_origin[1]), float(actors[appearance].size_m[2]) / 2]
     oncoming = next(
-        uid for uid in sorted(actors) if actors[uid].is_moving and actors[uid].world_from_actor.poses[0, 0, 0] < 0
+        uid for uid in sorted(actors) if actors[uid].is_moving and actors[uid].world_from_actor.poses[0, 0, 0] < -0.1
     )
     cone = {"type": "duplicate", "actor": "cone-3"}
     shifts = {f"shift-{m:g}m": [{"type": "ego", "shift": [{"frame": 0, "left_m": m}]}] for m in SHIFTS_M}
     return {
         "removal": [{"type": "remove", "actor": removed}],
         "insertion": [
-            {"type": "insert", "actor": appearance, "id": "inserted", "pose": {"position": position, "yaw_deg": 180.0}}
+            {
+                "type": "insert",
+                "actor": appearance,
+                "id": "inserted",
+                "pose": {"position": position, "yaw_deg": yaw_deg},
+            }
         ],
         "cones": [
             {**cone, "id": "cone-a", "world_offset_m": [-1.5, 1.2, 0.0]},
@@ -72,4 +81,11 @@ def usual_edits(street: Street) -> dict[str, list[dict[str, Any]]]:
 
 
 def _parked_left(street: Street, actor: Actor) -> bool:
-    return not actor.is_moving and float(actor.world_from_actor.positions[0, 1] + street.drive.world_origin[1]) > 0
+    return not actor.is_moving and _coordinates(street, actor)[1] > 0
+
+
+def _coordinates(street: Street, actor: Actor) -> tuple[float, float]:
+    """Metres along and beside the street of an actor's first place."""
+    at = actor.world_from_actor.positions[:1, :2] + street.drive.world_origin[:2]
+    along, beside = street.plan.course.coordinates(at)
+    return float(along[0]), float(beside[0])

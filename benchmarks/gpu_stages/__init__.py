@@ -3,7 +3,7 @@
 settings.py  what a stage is told, and where it leaves what it found
 machine.py   what it is measured on; the native library
 street.py    a street's log
-kernels.py   Triton's kernels beside torch: how values and gradients are held against each other
+kernels.py   the kernels of training beside torch: how values and gradients are held against each other
 cases.py     what each kernel is given
 scenes.py    trainings
 times.py     images, sweeps and steps by CUDA's events, with and without kernels

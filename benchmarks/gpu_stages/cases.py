@@ -1,4 +1,4 @@
-"""What each of Triton's kernels is given: the sizes of presets `small` and `paper`."""
+"""What each kernel is given: the sizes of presets `small` and `paper`."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from torch import Tensor
 from unisim_blender.core.model.config import ModelConfig
 from unisim_blender.core.model.fields import query
 from unisim_blender.core.model.networks import mlp, run_mlp
+from unisim_blender.core.ops.density import logistic_intervals, logistic_intervals_reference
 from unisim_blender.core.ops.encode import encode, encode_reference
 from unisim_blender.core.ops.gather import gather, gather_reference
 from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
@@ -25,7 +26,7 @@ from .kernels import apart, held_against
 Errors = dict[str, dict[str, Any]]
 EXTENT_M = (240.0, 120.0, 40.0)
 FEW = 10_000
-"""With fewer samples than these, as the interpreter takes them, tables are small too."""
+"""With fewer samples than these, as a CPU takes them, tables are small too."""
 EDGE = 1e-3
 """Slopes jump at cells' edges: points within this of one, in cells, do not count."""
 MOST_ROWS = 12
@@ -34,7 +35,7 @@ MOST_ROWS = 12
 
 def cases(device: str, samples: int) -> list[tuple[str, Callable[[], Errors]]]:
     """Return what is compared, by name; each is drawn when it is called."""
-    found: list[tuple[str, Callable[[], Errors]]] = [("probe", partial(_probe, device))]
+    found: list[tuple[str, Callable[[], Errors]]] = []
     for name in ("small", "paper"):
         config = preset(name).model
         for field, shape, grids in (("static", _static(config, samples), 1), ("actors", _actors(config, samples), 6)):
@@ -45,6 +46,7 @@ def cases(device: str, samples: int) -> list[tuple[str, Callable[[], Errors]]]:
                 found.append((label, partial(_query, device, grid, grids, samples, config, outputs)))
         rays = max(samples // config.samples.static, 40)
         found.append((f"{name}: gather", partial(_gather, device, rays, config.samples.static, config.features)))
+        found.append((f"{name}: intervals", partial(_intervals, device, rays, config.samples.static)))
         found.append((f"{name}: propose", partial(_propose, device, rays, config.samples.static_proposals)))
     return found
 
@@ -71,13 +73,6 @@ def _drawn(
     x = torch.rand(samples, 3, generator=generator, device=device) * 1.02 - 0.01
     index = None if grids == 1 else torch.randint(grids, (samples,), generator=generator, device=device)
     return table, x, index, generator
-
-
-def _probe(device: str) -> Errors:
-    from unisim_blender.core.ops.gpu.probe import probe
-
-    probe(device)  # it raises where a kernel does not what it says
-    return {"value": {"max_abs": 0.0, "bound": 0.0, "pass": True}}
 
 
 def _encode(device: str, grid: GridArrays, grids: int, samples: int) -> Errors:
@@ -135,6 +130,27 @@ def _gather(device: str, rays: int, count: int, width: int) -> Errors:
         sets.append([*(x.detach() for x in out), *(g for g in grads if g is not None)])
     gradients = ("optical depths", "shares", "transmittances", "features")
     names = ("weights of intervals", "weights of samples", "sums", *(f"gradient of {name}" for name in gradients))
+    return {name: held_against(*three) for name, three in zip(names, zip(*sets, strict=True), strict=True)}
+
+
+def _intervals(device: str, rays: int, count: int) -> Errors:
+    generator = torch.Generator(device).manual_seed(5)
+    steps = torch.randn(rays, count, generator=generator, device=device)
+    s = steps.cumsum(1) * torch.logspace(-2, 0.5, rays, device=device)[:, None]
+    given = [torch.randn(rays, count, generator=generator, device=device) for _ in range(2)]
+    sets = []
+    kinds = (
+        (logistic_intervals, torch.float32),
+        *((logistic_intervals_reference, d) for d in (torch.float64, torch.float32)),
+    )
+    for kind, dtype in kinds:
+        x, beta = s.to(dtype, copy=True).requires_grad_(), torch.tensor(20.0, dtype=dtype, device=device)
+        beta.requires_grad_()
+        out = kind(x, beta)
+        torch.autograd.backward(out, [g.to(dtype) for g in given])
+        assert x.grad is not None and beta.grad is not None
+        sets.append([*(part.detach() for part in out), x.grad, beta.grad])
+    names = ("optical depths", "stop fractions", "gradient of distances", "gradient of the sharpness")
     return {name: held_against(*three) for name, three in zip(names, zip(*sets, strict=True), strict=True)}
 
 

@@ -26,7 +26,7 @@ def said(*command: str) -> str | None:
 
 def source_hash() -> str:
     """Return a hash of the package's and the library's sources, which tells what ran where no commit travels along."""
-    files = sorted([*CORE.rglob("*.py"), *(ROOT / "native").glob("*.*"), ROOT / "CMakeLists.txt"])
+    files = sorted([*CORE.rglob("*.py"), *(path for path in (ROOT / "native").rglob("*.*")), ROOT / "CMakeLists.txt"])
     digest = hashlib.sha256()
     for file in files:
         digest.update(f"{file.relative_to(ROOT)}\n".encode() + file.read_bytes())
@@ -41,7 +41,7 @@ def machine(settings: Settings, found: Findings) -> None:
     found.note(
         python=platform.python_version(), torch=torch.__version__, cuda_of_torch=torch.version.cuda,
         numpy=numpy.__version__,
-        triton=_version_of("triton"), interpreted=os.environ.get("TRITON_INTERPRET") == "1", cores=os.cpu_count(),
+        cores=os.cpu_count(),
         nvcc=(said("nvcc", "--version") or "").splitlines()[-1:] or None, commit=said("git", "rev-parse", "HEAD"),
         changed_files=len((said("git", "status", "--porcelain", "--", "unisim_blender/core", "native") or "").splitlines()),
         source_hash=source_hash(),
@@ -53,13 +53,6 @@ def machine(settings: Settings, found: Findings) -> None:
             gpu=about.name, gpu_memory_bytes=about.total_memory, capability=list(torch.cuda.get_device_capability()),
             driver=said("nvidia-smi", "--query-gpu=driver_version", "--format=csv,noheader"),
         )  # fmt: skip
-
-
-def _version_of(module: str) -> str | None:
-    try:
-        return str(__import__(module).__version__)
-    except ImportError:
-        return None
 
 
 def _processor() -> str:

@@ -38,7 +38,7 @@ STEPS = 4
 
 @contextmanager
 def backend(name: str) -> Iterator[None]:
-    """Work meanwhile with the kernels of the device, Triton's or the compiled ones, or with plain torch."""
+    """Work meanwhile with the kernels of the device or with plain torch."""
     with ExitStack() as stack:
         if name == "torch":
             stack.enter_context(patch(READY, lambda like: False))

@@ -13,6 +13,10 @@ UNISIM_DEVICE inline float exp_of(float x) { return std::exp(x); }
 // Opacity of an optical depth: 1 - exp(-x) for x >= 0.
 UNISIM_DEVICE inline float opacity_of(float x) { return -std::expm1(-x); }
 UNISIM_DEVICE inline float softplus(float x) { return (x > 0 ? x : 0.0f) + std::log1p(std::exp(-std::fabs(x))); }
+UNISIM_DEVICE inline float sigmoid(float x) {
+    const float e = std::exp(-std::fabs(x));
+    return (x >= 0 ? 1.0f : e) / (1 + e);
+}
 // -log Phi(s): the optical depth in front of a place where the distance is s; 0 where that is too small to be visible.
 UNISIM_DEVICE inline float optical_depth_at(float s, float beta) {
     const float a = -beta * s;
@@ -34,15 +38,24 @@ UNISIM_DEVICE inline float float_of(uint16_t h) {
     return h & 0x8000 ? -x : x;
 }
 
-// The encoding (levels, features) of a point x of the unit cube by one of a field's grids. FEATURES and LEVELS 0: as
-// many as the grid has; else exactly so many, which stay in registers.
-template <int FEATURES, int LEVELS, class T>
-UNISIM_DEVICE inline void encode(const unisim_grid &g, const T *tables, int32_t grid, const float *x, float *code) {
-    const int features = FEATURES ? FEATURES : g.features, levels = LEVELS ? LEVELS : g.levels;
-    UNISIM_UNROLL
-    for (int level = 0; level < levels; ++level) {
-        uint32_t lower[3];
-        float fraction[3];
+// Four numbers; where they lie at a multiple of their size, as rows of tables do, a GPU loads them at once.
+template <class T> struct alignas(4 * sizeof(T)) Four {
+    T a, b, c, d;
+};
+template <class T> UNISIM_DEVICE inline Four<T> load_four(const T *at) {
+#if defined(__CUDA_ARCH__)
+    return *reinterpret_cast<const Four<T> *>(at);
+#else
+    return {at[0], at[1], at[2], at[3]};
+#endif
+}
+
+// The cell of one level of a grid in which a point x of the unit cube lies: its lower vertex, and the fractions behind it.
+struct GridCell {
+    uint32_t lower[3];
+    float fraction[3];
+
+    UNISIM_DEVICE GridCell(const unisim_grid &g, int level, const float *x) {
         for (int a = 0; a < 3; ++a) {
             const float scale = g.scale[level * 3 + a], last = std::fmax(std::ceil(scale) - 1.0f, 0.0f);
             // NaN and points outside the cube are clamped to its nearest face
@@ -54,25 +67,53 @@ UNISIM_DEVICE inline void encode(const unisim_grid &g, const T *tables, int32_t 
             lower[a] = static_cast<uint32_t>(cell);
             fraction[a] = p - cell;
         }
+    }
+
+    // The row of one of its corners in a level with strides sy and sz, or of the hash that `mask` ends.
+    UNISIM_DEVICE uint32_t row(int corner, uint32_t sy, uint32_t sz, uint32_t mask) const {
+        const uint32_t i = lower[0] + (corner & 1), j = lower[1] + (corner >> 1 & 1), k = lower[2] + (corner >> 2);
+        return sy ? i + j * sy + k * sz : (i ^ j * 2654435761u ^ k * 805459861u) & mask;
+    }
+
+    // The weight of a corner along one axis.
+    UNISIM_DEVICE float along(int corner, int axis) const {
+        return corner >> axis & 1 ? fraction[axis] : 1 - fraction[axis];
+    }
+
+    UNISIM_DEVICE float weight(int corner) const { return along(corner, 0) * along(corner, 1) * along(corner, 2); }
+};
+
+// The encoding (levels, features) of a point x of the unit cube by one of a field's grids. FEATURES and LEVELS 0: as
+// many as the grid has; else exactly so many, which stay in registers.
+template <int FEATURES, int LEVELS, class T>
+UNISIM_DEVICE inline void encode(const unisim_grid &g, const T *tables, int32_t grid, const float *x, float *code) {
+    const int features = FEATURES ? FEATURES : g.features, levels = LEVELS ? LEVELS : g.levels;
+    UNISIM_UNROLL
+    for (int level = 0; level < levels; ++level) {
+        const GridCell cell(g, level, x);
         const uint32_t sy = g.stride_y[level], sz = g.stride_z[level], mask = g.size[level] - 1;
         const T *base = tables + (grid * g.grid_stride + g.offset[level]) * features;
         float *sum = code + level * features;
         for (int f = 0; f < features; ++f) sum[f] = 0;
         for (int corner = 0; corner < 8; ++corner) {
-            const uint32_t bx = corner & 1, by = corner >> 1 & 1, bz = corner >> 2;
-            const uint32_t i = lower[0] + bx, j = lower[1] + by, k = lower[2] + bz;
-            const uint32_t row = sy ? i + j * sy + k * sz : (i ^ j * 2654435761u ^ k * 805459861u) & mask;
-            const float weight = (bx ? fraction[0] : 1 - fraction[0]) * (by ? fraction[1] : 1 - fraction[1]) *
-                                 (bz ? fraction[2] : 1 - fraction[2]);
-            const T *values = base + static_cast<int64_t>(row) * features;
-            for (int f = 0; f < features; ++f) sum[f] += weight * float_of(values[f]);
+            const float weight = cell.weight(corner);
+            const T *values = base + static_cast<int64_t>(cell.row(corner, sy, sz, mask)) * features;
+            if constexpr (FEATURES == 4) {
+                const Four<T> row = load_four(values);
+                sum[0] += weight * float_of(row.a);
+                sum[1] += weight * float_of(row.b);
+                sum[2] += weight * float_of(row.c);
+                sum[3] += weight * float_of(row.d);
+            } else
+                for (int f = 0; f < features; ++f) sum[f] += weight * float_of(values[f]);
         }
     }
 }
 
 // The perceptron at one encoded point: the first output, and hidden units by weight into `units`, where that is not
-// null. INPUTS 0: as many as the network has; else exactly so many, which stay in registers.
-template <int INPUTS>
+// null. INPUTS 0: as many as the network has; else exactly so many, which stay in registers. ALIGNED: w1 lies at a multiple
+// of 16 bytes, and INPUTS are fours.
+template <int INPUTS, bool ALIGNED = false>
 UNISIM_DEVICE inline float evaluate_network(const unisim_mlp &net, const float *code, float weight, float *units) {
     const int inputs = INPUTS ? INPUTS : net.inputs;
     float first = 0;
@@ -80,7 +121,16 @@ UNISIM_DEVICE inline float evaluate_network(const unisim_mlp &net, const float *
         const float *w = net.w1 + j * inputs;
         float unit = 0;
         UNISIM_UNROLL
-        for (int i = 0; i < inputs; ++i) unit += w[i] * code[i];
+        for (int i = 0; i < inputs; i += ALIGNED ? 4 : 1) {
+            if constexpr (ALIGNED) {
+                const Four<float> of = load_four(w + i);
+                unit += of.a * code[i];
+                unit += of.b * code[i + 1];
+                unit += of.c * code[i + 2];
+                unit += of.d * code[i + 3];
+            } else
+                unit += w[i] * code[i];
+        }
         unit = unit > 0 ? unit : 0.0f;
         first += net.w2[j] * unit;
         if (units) units[j] += weight * unit;
@@ -95,7 +145,7 @@ UNISIM_CALLED float evaluate_field(const unisim_field &field, int32_t grid, cons
     if (field.half && field.grid.features == 4 && field.grid.levels == 8) {
         float code[32];
         encode<4, 8>(field.grid, static_cast<const uint16_t *>(field.table), grid, x, code);
-        return evaluate_network<32>(field.net, code, weight, units);
+        return evaluate_network<32, true>(field.net, code, weight, units);
     }
     float code[MAX_INPUTS];
     if (field.half)

@@ -147,11 +147,6 @@ UNISIM_DEVICE inline void apply_relu(float *x, int count, float *out) {
     for (int i = 0; i < count; ++i) out[i] = x[i] > 0 ? x[i] : 0.0f;
 }
 
-UNISIM_DEVICE inline float sigmoid(float x) {
-    const float e = std::exp(-std::fabs(x));
-    return (x >= 0 ? 1.0f : e) / (1 + e);
-}
-
 // Runs a head; x: its outputs, active: their ReLU.
 UNISIM_DEVICE inline void run_head(const unisim_head &head, const float *feature, const double *direction,
                                    const float *extra, float *x, float *active) {

@@ -61,7 +61,7 @@ bool is_foreign(const char *at) {
 // What was launched and copied: done as late as a driver may, when the host waits. The one stream's work is first, and copies
 // of the other, which must have waited for the launches, are last.
 std::vector<std::function<int()>> launched, copied;
-size_t launches = 0, launches_before_event = 0, launches_waited_for = 0;
+size_t launch_count = 0, launches_before_event = 0, launches_waited_for = 0;
 
 int wait() {
     int fault = 0;
@@ -73,23 +73,33 @@ int wait() {
     return fault;
 }
 
-// A kernel with copies of the arguments that a launch points to.
-using Kernel = std::function<std::function<void()>(void **)>;
+// A kernel with copies of the arguments that a launch points to. Those of training have torch's tensors, which are the CPU's
+// here, and run at once.
+using Call = std::function<std::function<void()>(void **)>;
+struct Kernel {
+    Call call;
+    bool of_torch = false;
+};
 template <class... Arguments, size_t... At>
-Kernel kernel_of(void (*function)(Arguments...), std::index_sequence<At...>) {
+Call call_of(void (*function)(Arguments...), std::index_sequence<At...>) {
     return [function](void **of) {
         const auto copies = std::make_tuple(*static_cast<std::decay_t<Arguments> *>(of[At])...);
         return [function, copies] { std::apply(function, copies); };
     };
 }
-template <class... Arguments> Kernel kernel_of(void (*function)(Arguments...)) {
-    return kernel_of(function, std::index_sequence_for<Arguments...>());
+template <class... Arguments> Kernel kernel_of(void (*function)(Arguments...), bool of_torch = false) {
+    return {call_of(function, std::index_sequence_for<Arguments...>()), of_torch};
 }
 std::map<std::string, Kernel> kernels = {
     {"unisim_trace_rays", kernel_of(unisim_trace_rays)},       {"unisim_decode_beams", kernel_of(unisim_decode_beams)},
           {"unisim_begin_image", kernel_of(unisim_begin_image)},
     {"unisim_collect_pixels", kernel_of(unisim_collect_pixels)}, {"unisim_finish_pixels", kernel_of(unisim_finish_pixels)},
     {"unisim_judge_blocks", kernel_of(unisim_judge_blocks)},   {"unisim_fill_pixels", kernel_of(unisim_fill_pixels)},
+#define OF_TORCH(name) {#name, kernel_of(name, true)}
+    OF_TORCH(unisim_encode), OF_TORCH(unisim_encode_table_gradient), OF_TORCH(unisim_encode_point_gradient),
+    OF_TORCH(unisim_field), OF_TORCH(unisim_intervals), OF_TORCH(unisim_interval_gradients), OF_TORCH(unisim_weigh),
+    OF_TORCH(unisim_sum_features), OF_TORCH(unisim_weight_gradients), OF_TORCH(unisim_gather_gradients),
+    OF_TORCH(unisim_feature_gradients), OF_TORCH(unisim_propose_places),
 };
 
 } // namespace
@@ -98,6 +108,11 @@ std::map<std::string, Kernel> kernels = {
 
 EXPORT void limit_memory(size_t bytes) { limit = bytes; }
 EXPORT size_t memory_in_use() { return used; }
+std::map<std::string, int> launches;
+EXPORT int launches_of(const char *kernel) { return launches[kernel]; }
+EXPORT size_t size_of_encoded_points() { return sizeof(EncodedPoints); }
+EXPORT size_t size_of_gathered_segments() { return sizeof(GatheredSegments); }
+EXPORT size_t size_of_voxel_rays() { return sizeof(VoxelRays); }
 EXPORT size_t size_of_inputs() { return sizeof(TraceInputs); }
 EXPORT size_t size_of_image() { return sizeof(ImageInputs); }
 EXPORT int cuInit(unsigned) { return 0; }
@@ -111,7 +126,7 @@ EXPORT int cuCtxSetCurrent(void *context) { return context == &allocated ? 0 : 2
 EXPORT int cuStreamCreate(void **stream, unsigned) { return *stream = &copied, 0; }
 EXPORT int cuEventCreate(void **event, unsigned) { return *event = new char, 0; }
 EXPORT int cuEventRecord(void *, void *stream) {
-    if (!stream) launches_before_event = launches;
+    if (!stream) launches_before_event = launch_count;
     return 0;
 }
 EXPORT int cuStreamWaitEvent(void *, void *, unsigned) { return launches_waited_for = launches_before_event, 0; }
@@ -125,7 +140,7 @@ EXPORT int cuDeviceGetAttribute(int *value, int attribute, int) { return *value 
 EXPORT int cuModuleGetFunction(void **function, void *, const char *name) {
     const auto kernel = kernels.find(name);
     if (kernel == kernels.end()) return 500;
-    *function = &kernel->second;
+    *function = &*kernel;
     return 0;
 }
 EXPORT int cuGetErrorString(int code, const char **text) {
@@ -178,7 +193,7 @@ EXPORT int cuMemcpyHtoDAsync_v2(void *to, const void *from, size_t size, void *)
     return 0;
 }
 EXPORT int cuMemcpyDtoHAsync_v2(void *to, const void *from, size_t size, void *stream) {
-    if (stream != &copied || launches_waited_for < launches) return 700;
+    if (stream != &copied || launches_waited_for < launch_count) return 700;
     copied.push_back([=] { return copy(to, from, size, from); });
     return 0;
 }
@@ -194,18 +209,21 @@ EXPORT int cuMemsetD8_v2(void *to, unsigned char value, size_t size) {
 }
 EXPORT int cuLaunchKernel(void *function, unsigned blocks, unsigned, unsigned, unsigned threads, unsigned, unsigned,
                           unsigned, void *, void **arguments, void **) {
-    ++launches;
-    launched.push_back([=, run = (*static_cast<Kernel *>(function))(arguments),
+    const auto &[name, kernel] = *static_cast<decltype(kernels)::value_type *>(function);
+    ++launches[name];
+    ++launch_count;
+    const bool of_torch = kernel.of_torch;
+    launched.push_back([=, run = kernel.call(arguments),
                         // the longest arguments, which come first
                         inputs = std::vector<char>(static_cast<char *>(arguments[0]),
                                                    static_cast<char *>(arguments[0]) +
-                                                       std::min(sizeof(TraceInputs), sizeof(ImageInputs)))] {
+                                                       (of_torch ? 0 : std::min(sizeof(TraceInputs), sizeof(ImageInputs))))] {
         const Opened opened;
         // pointers of the process's own memory would be the GPU's fault
         for (size_t i = 0; i + 8 <= inputs.size(); i += 8)
             if (is_foreign(inputs.data() + i)) return 700;
         for (const auto &[begin, size] : allocated)
-            for (size_t i = 0; size < 4096 && i + 8 <= size; i += 8)
+            for (size_t i = 0; !of_torch && size < 4096 && i + 8 <= size; i += 8)
                 if (is_foreign(begin + i)) return 700;
         gridDim.x = blocks;
         blockDim.x = threads;
@@ -213,5 +231,6 @@ EXPORT int cuLaunchKernel(void *function, unsigned blocks, unsigned, unsigned, u
             for (threadIdx.x = 0; threadIdx.x < threads; ++threadIdx.x) run();
         return 0;
     });
+    if (of_torch) return wait();
     return 0;
 }

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from unisim_blender.core.data.classes import motion_of
 from unisim_blender.core.geometry import FloatArray, Trajectory, quaternion_from_yaw
 from unisim_blender.core.simulation.actors.model import ActorModel, ActorMotion, step_all
 from unisim_blender.core.simulation.actors.recording import Recording
 from unisim_blender.core.simulation.states import ActorState, Footprint, Traffic
+from unisim_blender.core.world.classes import motion_of
 from unisim_blender.core.world.drive import EGO, Actor, Appearance, Drive
 
 CAR = np.array([4.5, 1.9, 1.5])

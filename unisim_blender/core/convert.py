@@ -45,8 +45,8 @@ class ConvertSource:
     digest: str
 
 
-def open_source(path: Path | str) -> ConvertSource:
-    """Open a log or a rendered folder. Raises `LogError`."""
+def open_source(path: Path | str, posed: Callable[[Log], Log] | None = None) -> ConvertSource:
+    """Open a log or a rendered folder; ``posed`` returns the log with the poses to write. Raises `LogError`."""
     path = Path(path)
     if not path.exists():
         raise LogError(f"{path}: there is no such log, and nothing that was rendered")
@@ -57,6 +57,7 @@ def open_source(path: Path | str) -> ConvertSource:
     else:
         log = open_log(path)
         files = log_digest(log)
+        log = log if posed is None else posed(log)
     digest = hashlib.sha256(files.encode())
     # of a log that is named by one of its files, the other files' poses and boxes
     digest.update(json_bytes(drive_to_json(log.drive)))

@@ -220,12 +220,14 @@ class Gpu:
         self.call("cuMemGetInfo_v2", ctypes.byref(free), ctypes.byref(total))
         return free.value, total.value
 
-    def launch(self, name: str, threads: int, arguments: Sequence[Any], block: int = BLOCK) -> None:
-        """Have a kernel run in at least so many threads, after what was launched before. ``arguments`` are ctypes' values.
-        An error of a kernel is raised by a later call."""
+    def launch(
+        self, name: str, threads: int, arguments: Sequence[Any], block: int = BLOCK, stream: int | None = None
+    ) -> None:
+        """Have a kernel run in at least so many threads, after what was launched before in its stream. ``arguments`` are
+        ctypes' values. An error of a kernel is raised by a later call."""
         addresses = (ctypes.c_void_p * len(arguments))(*(ctypes.addressof(value) for value in arguments))
         blocks = -(-threads // block)
-        self.call("cuLaunchKernel", self.function(name), blocks, 1, 1, block, 1, 1, 0, None, addresses, None)
+        self.call("cuLaunchKernel", self.function(name), blocks, 1, 1, block, 1, 1, 0, stream, addresses, None)
 
     def allocate(self, size: int) -> int:
         """Return the address of so many bytes, of memory that was given back where there is some of that size. Raises

@@ -7,7 +7,7 @@ unit length; ``world_from_actor`` is the 4x4 matrix that takes actor coordinates
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -178,11 +178,13 @@ class Trajectory:
     """A moving pose: linear in position, slerp in rotation, carried on at its end velocity outside its times.
 
     times_s (T,) strictly increasing, positions (T, 3), quaternions_wxyz (T, 4). One key is a pose that stands still.
+    start_walked_m: length of the path before the first key, which a part of a trajectory keeps.
     """
 
     times_s: FloatArray
     positions: FloatArray
     quaternions_wxyz: FloatArray
+    start_walked_m: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("times_s", "positions", "quaternions_wxyz"):
@@ -232,6 +234,20 @@ class Trajectory:
     def times_list(self) -> list[float]:
         """The keys' times as a list, which is faster to search."""
         return self.times_s.tolist()
+
+    @cached_property
+    def walked_m(self) -> FloatArray:
+        """Length (T,) of the path up to each key, metres, in the plane of x and y: the phase of a gait follows it."""
+        steps = np.hypot(*np.diff(self.positions[:, :2], axis=0).T)
+        return self.start_walked_m + np.concatenate([[0.0], np.cumsum(steps)])
+
+    def walked_at(self, time_s: FloatArray | float) -> FloatArray:
+        """Lengths (...) of the path up to times (...), carried on outside the keys."""
+        time = np.asarray(time_s, np.float64)
+        if len(self.times_s) == 1:
+            return np.full(time.shape, self.start_walked_m)
+        lower, u = self._between(time)
+        return np.asarray(self.walked_m[lower] + u * (self.walked_m[lower + 1] - self.walked_m[lower]))
 
     @property
     def poses(self) -> FloatArray:
@@ -286,6 +302,7 @@ class Trajectory:
         part: Trajectory = object.__new__(Trajectory)
         for name in ("times_s", "positions", "quaternions_wxyz"):
             object.__setattr__(part, name, getattr(self, name)[first:end])
+        object.__setattr__(part, "start_walked_m", float(self.walked_m[first]))
         return part
 
     def content(self) -> bytes:
@@ -301,7 +318,7 @@ class Trajectory:
             poses = left @ poses
         if right is not None:
             poses = poses @ right
-        return Trajectory.from_poses(self.times_s, poses)
+        return replace(Trajectory.from_poses(self.times_s, poses), start_walked_m=self.start_walked_m)
 
 
 def split_trajectories(
@@ -321,12 +338,13 @@ def split_trajectories(
         later.all() and bool((np.abs(norms - 1) <= 1e-9).all()) and all(np.isfinite(values).all() for values in arrays)
     )
     if not sound or 0 in counts:
-        return [Trajectory(*(values[part] for values in arrays)) for part in parts]
+        return [Trajectory(times_s[part], positions[part], quaternions_wxyz[part]) for part in parts]
     trajectories = []
     for part in parts:
         trajectory: Trajectory = object.__new__(Trajectory)
         for name, values in zip(("times_s", "positions", "quaternions_wxyz"), arrays, strict=True):
             object.__setattr__(trajectory, name, values[part])
+        object.__setattr__(trajectory, "start_walked_m", 0.0)
         trajectories.append(trajectory)
     return trajectories
 

@@ -11,7 +11,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-ABI_VERSION = 12
+ABI_VERSION = 14
 VARIANT_VARIABLE = "UNISIM_NATIVE_VARIANT"
 """The variable of the environment that chooses the kernels' instruction set."""
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
@@ -66,6 +66,16 @@ class BlockToleranceStruct(ctypes.Structure):
     _fields_ = members(ctypes.c_float, "spread contrast prediction range twist")
 
 
+class AdamStruct(ctypes.Structure):
+    """`unisim_adam_part` of native/unisim_native.h."""
+
+    _fields_ = [
+        *members(ctypes.c_int64, "n"),
+        *members(ctypes.c_void_p, "value gradient mean square"),
+        *members(ctypes.c_float, "rate root eps"),
+    ]
+
+
 class HeadStruct(ctypes.Structure):
     """`unisim_head` of native/unisim_native.h."""
 
@@ -98,6 +108,7 @@ def library() -> ctypes.CDLL | None:
     lib.unisim_propose.argtypes = [p, p, p, p, i64, p, p, p, p, f32, f32, p, i32, p, p, i32]
     lib.unisim_mlp_forward.argtypes = [p, p, i64, p, i32]
     lib.unisim_mlp_backward.argtypes = [p, p, i64, p, p, p, p, p, i32]
+    lib.unisim_adam.argtypes = [p, i32, f32, f32, i32]
     lib.unisim_field_forward.argtypes = [p, p, p, i64, p, p, p, i32]
     lib.unisim_near_spheres.argtypes = [p, p, p, i64, p, p, i64, p, i32]
     lib.unisim_intervals_forward.argtypes = [p, i64, i32, f32, p, p, i32]

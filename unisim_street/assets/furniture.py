@@ -43,11 +43,16 @@ def strut(material: Material, start: FloatArray, end: FloatArray, r0: float, r1:
     return AssetPart(Cone(r0, r1, length), material, pose)
 
 
+def lamp_tip(at: FloatArray, toward_y: float) -> FloatArray:
+    """Return where the lamp (3,) of the post at a place hangs."""
+    return np.asarray(at + np.array([0.0, 1.7 * toward_y, 6.75]))
+
+
 def lamp_post(at: FloatArray, toward_y: float) -> list[AssetPart]:
     """A lamp post whose arm reaches over the road, to the side of ``toward_y`` (+1 or -1)."""
     iron, head = Plain("#3c4240", 0.04, 0.02), Plain("#c9ccc8")
     top = at + [0.0, 0.0, 6.4]
-    tip = at + np.array([0.0, 1.7 * toward_y, 6.75])
+    tip = lamp_tip(at, toward_y)
     lamp = stand(box((-0.14, -0.35, -0.07), (0.14, 0.35, 0.05), 0.03), head, tip, (0.0, 0.0, 0.0))
     return [
         stand(Cone(0.13, 0.11, 0.9), iron, at, (0, 0, 0)),

@@ -36,7 +36,8 @@ def meshed(asset: Asset) -> Asset:
     """The asset of triangles."""
     if isinstance(asset.parts[0].material, BodyPaint):
         return coachwork(asset)
-    return Asset(asset.name, tuple(_meshed_part(part) for part in asset.parts))
+    limbs = tuple(replace(limb, asset=meshed(limb.asset)) for limb in asset.limbs)
+    return replace(asset, parts=tuple(_meshed_part(part) for part in asset.parts), limbs=limbs)
 
 
 def _meshed_part(part: AssetPart) -> AssetPart:

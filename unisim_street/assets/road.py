@@ -101,6 +101,18 @@ class Course:
         self.pieces = tuple(pieces)
         self._check_apart(travel_m)
 
+    @classmethod
+    def of_legs(
+        cls, *legs: tuple[float, float], start: tuple[float, float] = (0.0, 0.0), heading: float = 0.0
+    ) -> Course:
+        """Return the way from ``start`` (x, y) of legs of metres and curvatures (1 / m, positive to the left)."""
+        course = cls()
+        pieces = [Piece(0.0, legs[0][0], start, heading, legs[0][1])]
+        for length, curvature in legs[1:]:
+            pieces.append(_after(pieces[-1], length, curvature))
+        course.pieces = tuple(pieces)
+        return course
+
     @property
     def is_straight(self) -> bool:
         """Whether its coordinates are those of the street's frame."""

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
+if TYPE_CHECKING:
+    from ..layout import Kind
+
 LENSES = ("pinhole", "opencv", "fisheye", "ftheta", "mei")
 ENGINES = ("exact", "cycles")
+KINDS = ("straight", "night", "curve", "crossing")
 
 
 @click.command("synth")
@@ -27,6 +32,8 @@ ENGINES = ("exact", "cycles")
     metavar="DEGREES",
     help="Bends of the street, evenly along the drive, separated by commas: to the left, negative ones to the right.",
 )
+@click.option("--kind", type=click.Choice(KINDS), default="straight", show_default=True, help="Of street.")
+@click.option("--people", default=0, show_default=True, help="Who walks along the street; the second rides a bicycle.")
 @click.option("--engine", type=click.Choice(ENGINES), default="exact", show_default=True, help="Who draws the images.")
 @click.option("--paths", default=96, show_default=True, help="Paths a pixel that Cycles traces.")
 @click.option(
@@ -54,6 +61,8 @@ def command(
     range_noise: float,
     speed: float,
     turns: str,
+    kind: Kind,
+    people: int,
     engine: str,
     paths: int,
     scenarios: tuple[Path, ...],
@@ -84,7 +93,7 @@ def command(
     except ValueError as error:
         raise click.UsageError(f"--turns {turns}: are degrees, separated by commas") from error
     street = build_street(
-        seed, frames, width, height, names, range_noise, engine, paths, lens=lens, speed_m_s=speed, turns_deg=bends
+        seed, frames, width, height, names, range_noise, engine, paths, lens, speed, bends, kind, people
     )
     write_log(street, out, jobs or os.cpu_count() or 1, progress=not quiet)
     if edits:

@@ -1,6 +1,8 @@
-"""The light: a sun, a sky with soft clouds, and how a camera turns light into sRGB."""
+"""The light: a sun or a moon, a sky with soft clouds, lamps, and how a camera turns light into sRGB."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,24 +17,48 @@ SUN_SPREAD_RAD = 0.012
 """Half the angle over which a pixel's samples spread on the sun: wider than the true 0.0047, for
 penumbrae one can see."""
 
-_SUN_COLOR = np.array([3.0, 2.72, 2.30])
-_ZENITH = np.array([0.16, 0.33, 0.72])
-_HORIZON = np.array([0.72, 0.82, 0.95])
-_GROUND_BOUNCE = np.array([0.26, 0.23, 0.20])
-_SKY_LIGHT = np.array([0.50, 0.62, 0.80])
 _EXPOSURE = 1.05
+LAMP_COLOUR = np.array([1.0, 0.74, 0.44])
+LAMP_LIGHT, LAMP_REACH_M = 45.0, 20.0
+"""A lamp's light a metre away, and how far it reaches."""
+_LAMP_DROP_M, _HEAD_M, _MAX_LAMP_LIGHT = 0.15, 0.4, 40.0
+"""How far below its head's middle a lamp shines from; how large its head is, which it lights from below; and its most light."""
 
 
-def sky(directions: FloatArray) -> FloatArray:
+@dataclass(frozen=True, eq=False)
+class Light:
+    """Linear colours (3,): the sun's or the moon's, both at `SUN`; of the sky's zenith, horizon and clouds; light from the ground
+    and from the sky. lamps (L, 3): places of lamps, street frame."""
+
+    sun: FloatArray = field(default_factory=lambda: np.array([3.0, 2.72, 2.30]))
+    zenith: FloatArray = field(default_factory=lambda: np.array([0.16, 0.33, 0.72]))
+    horizon: FloatArray = field(default_factory=lambda: np.array([0.72, 0.82, 0.95]))
+    cloud: FloatArray = field(default_factory=lambda: np.array([1.02, 1.0, 0.98]))
+    bounce: FloatArray = field(default_factory=lambda: np.array([0.26, 0.23, 0.20]))
+    sky: FloatArray = field(default_factory=lambda: np.array([0.50, 0.62, 0.80]))
+    lamps: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+
+
+DAY = Light()
+
+
+def night(lamps: FloatArray) -> Light:
+    """Return the light of a night with lamps (L, 3) in a town whose glow lies on the horizon."""
+    colours = ([0.020, 0.024, 0.032], [0.004, 0.007, 0.018], [0.040, 0.030, 0.026], [0.030, 0.026, 0.026])
+    sun, zenith, horizon, cloud = (np.array(colour) for colour in colours)
+    return Light(sun, zenith, horizon, cloud, np.array([0.030, 0.024, 0.018]), np.array([0.020, 0.022, 0.030]), lamps)
+
+
+def sky(directions: FloatArray, light: Light = DAY) -> FloatArray:
     """Linear radiance (N, 3) of the sky in unit directions (N, 3); below the horizon that of distant ground."""
     up = directions[:, 2]
     rise = np.clip(up, 0.0, 1.0)
-    base = _ZENITH + (_HORIZON - _ZENITH) * (np.exp(-rise / 0.22))[:, None]
-    base = base + (np.array([1.02, 1.0, 0.98]) - base) * (0.75 * clouds(directions))[:, None]
+    base = light.zenith + (light.horizon - light.zenith) * (np.exp(-rise / 0.22))[:, None]
+    base = base + (light.cloud - base) * (0.75 * clouds(directions))[:, None]
     toward = np.clip(directions @ SUN, 0.0, 1.0)
-    base = base + _SUN_COLOR * (0.05 * toward**8 + 0.12 * toward**64)[:, None]
+    base = base + light.sun * (0.05 * toward**8 + 0.12 * toward**64)[:, None]
     below = np.clip(-up / 0.05, 0.0, 1.0)
-    return np.asarray(base + (_GROUND_BOUNCE - base) * below[:, None])
+    return np.asarray(base + (light.bounce - base) * below[:, None])
 
 
 def clouds(directions: FloatArray) -> FloatArray:
@@ -51,22 +77,35 @@ def shade(
     directions: FloatArray,
     sunlit: FloatArray,
     ambient: FloatArray,
+    lamps: FloatArray | float = 0.0,
+    light: Light = DAY,
 ) -> FloatArray:
     """Linear radiance (N, 3) that leaves surfaces against ``directions`` (N, 3): Lambert, with a little Fresnel gloss.
 
     sunlit (N,) is the sun's visibility, ambient (N,) how open the surroundings are, both in 0..1. Gloss mirrors a sky
-    without clouds, which varies slowly; nothing mirrors the street.
+    without clouds, which varies slowly; nothing mirrors the street. lamps (N, 3) is the light that lamps shed.
     """
     toward_sun = np.clip(normals @ SUN, 0.0, 1.0)
     upward = (0.5 + 0.5 * normals[:, 2])[:, None]
-    fill = (_GROUND_BOUNCE * (1 - upward) + _SKY_LIGHT * upward) * ambient[:, None]
-    light = _SUN_COLOR * (toward_sun * sunlit)[:, None] + fill
-    out = albedo * light
+    fill = (light.bounce * (1 - upward) + light.sky * upward) * ambient[:, None]
+    out = albedo * (light.sun * (toward_sun * sunlit)[:, None] + fill + lamps)
     cosine = np.clip(-(directions * normals).sum(-1), 0.0, 1.0)
     fresnel = gloss * (1.0 + 6.0 * (1.0 - cosine) ** 3)
     mirror_up = directions[:, 2] + 2 * cosine * normals[:, 2]
-    tint = _GROUND_BOUNCE + (_HORIZON * 0.9 - _GROUND_BOUNCE) * np.clip(0.5 + 2.0 * mirror_up, 0.0, 1.0)[:, None]
+    tint = light.bounce + (light.horizon * 0.9 - light.bounce) * np.clip(0.5 + 2.0 * mirror_up, 0.0, 1.0)[:, None]
     return np.asarray(out + tint * (fresnel * ambient)[:, None])
+
+
+def lamp_light(lamp: FloatArray, points: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the light (N,) that a lamp (3,) sheds on points (N, 3) with unit normals (N, 3) if nothing stands between, and unit
+    directions (N, 3) and distances (N,) to where it shines from. It shines down, and fades to nothing at `LAMP_REACH_M`."""
+    away = lamp - [0.0, 0.0, _LAMP_DROP_M] - points
+    distance = np.linalg.norm(away, axis=1)
+    toward = away / np.maximum(distance, 1e-6)[:, None]
+    fade = np.clip(1 - (distance / LAMP_REACH_M) ** 4, 0, 1) ** 2
+    down = np.where(distance < _HEAD_M, 1.0, np.clip(0.15 + 1.1 * toward[:, 2], 0, 1))
+    light = LAMP_LIGHT / np.maximum(distance**2, 1e-6) * fade * down * np.clip((toward * normals).sum(1), 0, 1)
+    return np.minimum(light, _MAX_LAMP_LIGHT), toward, distance
 
 
 def display(radiance: FloatArray) -> NDArray[np.float32]:

@@ -7,6 +7,7 @@ frustum that holds them all, by which what they cannot hit is skipped.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -60,11 +61,39 @@ class AssetPart:
 
 
 @dataclass(frozen=True, eq=False)
+class Limb:
+    """An asset along z that moves in another's frame, from joint ``root`` to joint ``tip``: functions from phases (N,), in
+    cycles, to places (N, 3)."""
+
+    asset: Asset
+    root: Callable[[FloatArray], FloatArray]
+    tip: Callable[[FloatArray], FloatArray]
+
+    def poses(self, phase: FloatArray) -> FloatArray:
+        """Poses (N, 4, 4) of the limb's frame in the asset's at phases (N,); its y axis lies across."""
+        root = self.root(phase)
+        z = self.tip(phase) - root
+        z = z / np.linalg.norm(z, axis=1, keepdims=True)
+        x = np.cross([0.0, 1.0, 0.0], z)
+        x = x / np.linalg.norm(x, axis=1, keepdims=True)
+        out = np.tile(np.eye(4), (len(phase), 1, 1))
+        out[:, :3, :3] = np.stack([x, np.cross(z, x), z], -1)
+        out[:, :3, 3] = root
+        return out
+
+
+_LIMB_STEP_S = 0.01
+"""Seconds between poses of limbs, which move evenly between them."""
+
+
+@dataclass(frozen=True, eq=False)
 class Asset:
-    """An object made of parts, in its own frame."""
+    """An object made of parts, in its own frame. ``limbs`` move with its phase, whose cycle is ``cycle_m`` metres of path."""
 
     name: str
     parts: tuple[AssetPart, ...]
+    limbs: tuple[Limb, ...] = ()
+    cycle_m: float = 1.0
 
     @cached_property
     def corners(self) -> FloatArray:
@@ -103,6 +132,19 @@ class AssetPlacement:
             poses = self.motion.at(np.unique(np.concatenate([inside, np.linspace(start_s, end_s, 9)])))
             corners = np.concatenate([corners @ pose[:3, :3].T + pose[:3, 3] for pose in poses], 1)
         return corners.min(1) - _TURN_PADDING_M, corners.max(1) + _TURN_PADDING_M, keep
+
+    def limbs(self) -> Iterator[AssetPlacement]:
+        """The asset's limbs, placed where the length of the path has them, while the asset is there."""
+        assert self.motion is not None
+        scale = np.ones(3) if self.scale is None else self.scale
+        for limb in self.asset.limbs:
+            start_s, end_s = self.window or (float(self.motion.times_s[0]), float(self.motion.times_s[-1]))
+            # on a grid of its own: a part of a trajectory has limbs at the same places
+            times = _LIMB_STEP_S * np.arange(np.floor(start_s / _LIMB_STEP_S), np.ceil(end_s / _LIMB_STEP_S) + 2)
+            poses = limb.poses(self.motion.walked_at(times) / (self.asset.cycle_m * scale[0]))
+            poses[:, :3, 3] *= scale
+            motion = Trajectory.from_poses(times, self.motion.at(times) @ poses)
+            yield AssetPlacement(self.name, limb.asset, motion, self.window, scale=self.scale)
 
 
 @dataclass
@@ -236,9 +278,14 @@ def _first_outside(
 
 
 def lit(
-    placements: list[AssetPlacement], points: FloatArray, directions: FloatArray, time_s: FloatArray
+    placements: list[AssetPlacement],
+    points: FloatArray,
+    directions: FloatArray,
+    time_s: FloatArray,
+    reach_m: FloatArray | float = np.inf,
 ) -> NDArray[np.bool_]:
-    """Whether nothing stands between points (N, 3) and the light along ``directions`` (N, 3), almost parallel: (N,)."""
+    """Whether nothing stands between points (N, 3) and the light along unit ``directions`` (N, 3), ``reach_m`` (N,) away: (N,).
+    Directions that are almost parallel, or meet in a point, make it fast."""
     n = len(points)
     if n == 0:
         return np.zeros(0, bool)
@@ -247,7 +294,8 @@ def lit(
     order = np.concatenate([order, np.full(-n % k, order[-1])]).reshape(-1, k)
     hits = trace(placements, make_bundles(points[order], directions[order], time_s[order]))
     out = np.empty(n, bool)
-    out[order.reshape(-1)] = ~np.isfinite(hits.t).reshape(-1)
+    reach = np.broadcast_to(reach_m, n)[order.reshape(-1)]
+    out[order.reshape(-1)] = ~np.isfinite(hits.t).reshape(-1) | (hits.t.reshape(-1) > reach)
     return out
 
 

@@ -4,13 +4,16 @@ to their bounds."""
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
+from driver_on_cpu import build_driver, loaded_driver, torch_on_driver
 
 from benchmarks.gpu import Run, size_of, summary
 from benchmarks.gpu_stages import cases, kernels, scenes
@@ -32,28 +35,35 @@ def test_settings_travel_to_a_stage(tmp_path: Path) -> None:
     assert size_of(None, None, "1920x1080") == (1920, 1080)
 
 
-def test_every_kernel_is_compared(tmp_path: Path) -> None:
-    pytest.importorskip("triton", reason="Triton is not installed")
-    found = Findings(tmp_path / "kernels.json", 60.0)
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    if shutil.which("g++") is None:
+        pytest.skip("the driver is compiled by g++")
+    return build_driver(tmp_path_factory.mktemp("driver"))
+
+
+@pytest.fixture
+def driver(built: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Kernels are launched by a driver whose GPU is the CPU."""
+    with loaded_driver(built, monkeypatch), torch_on_driver(monkeypatch):
+        yield
+
+
+def test_every_kernel_is_compared(driver: None, tmp_path: Path) -> None:
+    found = Findings(tmp_path / "kernels.json", 120.0)
     kernels.compare_kernels(settings(tmp_path), found)
     assert found.values["not_launched"] == [] and found.values["wrong"] == []
-    assert set(found.values["launched"]) >= {
-        "gpu.encode._forward",
-        "gpu.encode._backward",
-        "gpu.field._field",
-        "gpu.gather._backward",
-    }
+    assert set(found.values["launched"]) >= {"encode", "encode_table_gradient", "field", "gather_gradients"}
     written = json.loads((tmp_path / "kernels.json").read_text())
     assert {"value", "gradient of the table", "gradient of points"} == set(written["cases"]["small: encode, static"])
 
 
-def test_a_kernel_that_is_wrong_is_told_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("triton", reason="Triton is not installed")
+def test_a_kernel_that_is_wrong_is_told_of(driver: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cases, "cases", lambda device, samples: [("a", wrong), ("b", broken)])
     found = Findings(tmp_path / "kernels.json", 60.0)
     with pytest.raises(ValueError, match="a: value"):
         kernels.compare_kernels(settings(tmp_path), found)
-    assert "ZeroDivisionError" in found.values["errors"]["b"] and "gpu.gather._forward" in found.values["not_launched"]
+    assert "ZeroDivisionError" in found.values["errors"]["b"] and "weigh" in found.values["not_launched"]
 
 
 def wrong() -> dict[str, dict[str, Any]]:
@@ -72,11 +82,10 @@ def test_what_is_not_a_number_is_in_no_bound() -> None:
     assert not kernels.apart(want * torch.nan, want, 1e-3)["pass"]
 
 
-def test_without_an_interpreter_kernels_are_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("TRITON_INTERPRET", raising=False)
+def test_without_a_gpu_kernels_are_left_out(tmp_path: Path) -> None:
     found = Findings(tmp_path / "kernels.json", 60.0)
     kernels.compare_kernels(settings(tmp_path), found)
-    assert "no GPU" in found.values["skipped"]
+    assert "no kernels for GPUs run on cpu" in found.values["skipped"]
 
 
 def test_a_street_is_made_and_trained_on(tmp_path: Path) -> None:

@@ -90,7 +90,7 @@ def test_a_path_that_leads_nowhere_is_found() -> None:
         "lattice/blocks.py",
         "quantiles.py",
     ]
-    assert missing_paths("`render/tracers/`, `warping.py`, `ops/gpu/encode.py`, `trace/light.h`") == []
+    assert missing_paths("`render/tracers/`, `warping.py`, `ops/encode.py`, `trace/light.h`") == []
 
 
 def test_quoted_functions_are_the_code() -> None:

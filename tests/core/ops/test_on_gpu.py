@@ -1,28 +1,30 @@
-"""Triton's kernels against plain torch: values by Triton's interpreter, which needs no GPU, and that they
-compile for some."""
+"""A GPU's kernels for training against plain torch, values and gradients: launched by a driver whose GPU is the CPU."""
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
+import ctypes
+import shutil
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from analytic_scene import Stage, analytic_scene, drive_of, empty, ground, still
+from driver_on_cpu import build_driver, loaded_driver, torch_on_driver
+from ops import test_composite, test_hash_grid
 from torch import Tensor
 from whole_drive import bound_to, whole_state
 
 from unisim_blender.core.model.fields import query
 from unisim_blender.core.model.networks import mlp, run_mlp
 from unisim_blender.core.model.scene import SceneModel
+from unisim_blender.core.ops import gpu
 from unisim_blender.core.ops.encode import encode, encode_reference
-from unisim_blender.core.ops.gather import gather, gather_reference
 from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
 from unisim_blender.core.ops.propose import RaySpans, Voxels, propose, propose_reference
-from unisim_blender.core.ops.ray_segments import RayBatch, RaySegments
+from unisim_blender.core.ops.ray_segments import RayBatch
 from unisim_blender.core.presets import preset
 from unisim_blender.core.render.tracer import TraceResult, active_actors
 from unisim_blender.core.render.tracers.torch.actor_tensors import active_actor_tensors
@@ -30,10 +32,11 @@ from unisim_blender.core.render.tracers.torch.segments import Sampling
 from unisim_blender.core.render.tracers.torch.trace import trace
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
 
-pytest.importorskip("triton", reason="Triton is not installed")
-
-READY = "unisim_blender.core.ops.dispatch.triton_ready"
-"""What says whether kernels for GPUs run."""
+pytestmark = pytest.mark.skipif(shutil.which("g++") is None, reason="the driver is compiled by g++")
+LAUNCHED = (
+    "encode", "encode_table_gradient", "encode_point_gradient", "field", "intervals", "interval_gradients", "weigh",
+    "sum_features", "weight_gradients", "gather_gradients", "feature_gradients", "propose_places",
+)  # fmt: skip
 
 SHAPES = {
     "hashed": GridShape.cubic((40.0, 24.0, 8.0), 3.2, 0.2, 6, 4, 11),
@@ -42,10 +45,16 @@ SHAPES = {
 }
 
 
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build_driver(tmp_path_factory.mktemp("driver"))
+
+
 @pytest.fixture(autouse=True)
-def for_every_device(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Kernels are taken for tensors of the CPU too: by Triton's interpreter, see conftest.py."""
-    monkeypatch.setattr(READY, lambda like: True)
+def driver(built: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ctypes.CDLL]:
+    """Kernels are launched by a driver whose GPU is the CPU."""
+    with loaded_driver(built, monkeypatch) as library, torch_on_driver(monkeypatch):
+        yield library
 
 
 def points(count: int, seed: int = 0) -> Tensor:
@@ -118,32 +127,6 @@ def test_a_field_asked_in_one_go(name: str, outputs: int | None) -> None:
     close(got, want, 1e-5)
 
 
-def test_gathering_and_its_gradients() -> None:
-    generator = torch.Generator().manual_seed(3)
-    n, count, width = 70, 9, 11
-    t = torch.rand(n, count, generator=generator).cumsum(1)
-    tau = torch.rand(n, count, generator=generator) ** 6 * 4
-    tau[:5] = 0
-    share = torch.rand(n, count, generator=generator) * -torch.expm1(-tau)
-    front = torch.exp(-(tau.cumsum(1) - tau))
-    # columns of a wider tensor, as a network leaves them
-    features = torch.randn(n, count, width + 1, generator=generator)
-    given = [torch.randn(n, count, generator=generator) for _ in range(2)] + [
-        torch.randn(n, width + 3, generator=generator)
-    ]
-    found = []
-    for kind, dtype in ((gather, torch.float32), (gather_reference, torch.float64)):
-        a, b, c, f = (x.to(dtype, copy=True).requires_grad_() for x in (tau, share, front, features))
-        one = torch.zeros(n, dtype=torch.long)
-        ray_segment = RaySegments(one, t.to(dtype), f[..., 1:], a, b)
-        out = kind(ray_segment, c)
-        torch.autograd.backward(out, [g.to(dtype) for g in given])
-        found.append([*(x.detach() for x in out), a.grad, b.grad, c.grad, f.grad])
-    for got, want in zip(*found, strict=True):
-        assert got is not None and want is not None
-        close(got, want, 1e-5)
-
-
 def test_places_of_samples() -> None:
     generator = torch.Generator().manual_seed(4)
     values = (torch.rand(20, 16, 8, generator=generator) < 0.15).to(torch.uint8)
@@ -199,12 +182,47 @@ def traced(seed: int) -> list[Tensor]:
     return [out.detach() for out in outs] + [g for g in grads if g is not None]
 
 
-@pytest.mark.slow
-def test_rays_and_their_gradients_by_all_kernels_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    by_triton = traced(5)
-    monkeypatch.setattr(READY, lambda like: False)
-    for got, want in zip(by_triton, traced(5), strict=True):
+def test_rays_and_their_gradients_by_all_kernels_together(driver: ctypes.CDLL, monkeypatch: pytest.MonkeyPatch) -> None:
+    by_kernels = traced(5)
+    missing = [name for name in LAUNCHED if not driver.launches_of(f"unisim_{name}".encode()) and name != "field"]
+    assert not missing
+    monkeypatch.setattr(gpu, "serves", lambda like: False)
+    for got, want in zip(by_kernels, traced(5), strict=True):
         close(got, want, 1e-3)
+
+
+def test_structures_are_those_of_the_source(driver: ctypes.CDLL) -> None:
+    assert ctypes.sizeof(gpu.EncodedPointsStruct) == driver.size_of_encoded_points()
+    assert ctypes.sizeof(gpu.GatheredSegmentsStruct) == driver.size_of_gathered_segments()
+    assert ctypes.sizeof(gpu.VoxelRaysStruct) == driver.size_of_voxel_rays()
+
+
+OTHERS: dict[str, list[Callable[[], None]]] = {
+    "values": [
+        partial(test_hash_grid.test_values, name, count) for name in test_hash_grid.SHAPES for count in (0, 65, 1500)
+    ],
+    "gradients": [partial(test_hash_grid.test_gradients_of_every_width, features) for features in (1, 2, 4, 8)],
+    "many grids": [test_hash_grid.test_many_grids_in_one_table],
+    "sinks": [partial(test_hash_grid.test_a_sink_takes_the_tables_gradient, grids) for grids in (0, 3)],
+    "intervals": [
+        partial(test_composite.test_intervals, shape, beta)
+        for shape in ((0, 12), (1, 1), (63, 2), (500, 12))
+        for beta in (1.0, 20.0, 300.0)
+    ],
+    "no numbers": [partial(test_composite.test_what_is_not_a_number_stays_so, at) for at in (0, 4, 11)],
+    "compositing": [
+        partial(test_composite.test_values_and_gradients, groups)
+        for groups in (test_composite.GROUPS, test_composite.GROUPS[:1], ((0, 4),))
+    ],
+}
+"""Tests of the compiled kernels."""
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_as_the_compiled_kernels(driver: ctypes.CDLL, name: str) -> None:
+    for test in OTHERS[name]:
+        test()
+    assert any(driver.launches_of(f"unisim_{kernel}".encode()) for kernel in LAUNCHED)
 
 
 @pytest.mark.parametrize("name", ["tiny", "small"])
@@ -227,46 +245,3 @@ def test_images_decoded_in_half_precision(name: str) -> None:
         patch.setattr(TorchTracer, "half", True)
         half = tracer.image(found, directions, "front", (16, 24))
     assert half.dtype == np.float32 and 0 < np.abs(half - plain).max() < 1.5 / 255
-
-
-COMPILED = """
-import triton
-from triton.backends.compiler import GPUTarget
-from triton.compiler import ASTSource
-from unisim_blender.core.ops.gpu import probe
-from unisim_blender.core.ops.gpu import encode
-from unisim_blender.core.ops.gpu import field
-from unisim_blender.core.ops.gpu import gather
-from unisim_blender.core.ops.gpu import propose
-
-NUMBERS = {"n": "i32", "rows": "i32", "count": "i32", "row": "i32", "nx": "i32", "ny": "i32", "nz": "i32",
-           "per_m": "fp32", "step": "fp32", "decay": "fp32"}
-INTEGERS = {"index": "*i32", "offset": "*i32", "size": "*i32", "stride_y": "*i32", "stride_z": "*i32", "values": "*u8"}
-GRID = {"INDEXED": True, "WIDTH": 32, "WIDE": 32, "F": 4, "BLOCK": 64}
-KERNELS = [
-    (probe._increment, {"BLOCK": 16}),
-    (encode._forward, GRID), (encode._backward, {**GRID, "TABLE": True, "POINTS": True}),
-    (encode._backward, {**GRID, "TABLE": True, "POINTS": False, "WIDTH": 24}),
-    (field._field, {**GRID, "HIDDEN": 64, "UNITS": 64, "OUTPUTS": 32, "NUMBERS": 32}),
-    (field._field, {**GRID, "INDEXED": False, "HIDDEN": 64, "UNITS": 64, "OUTPUTS": 1, "NUMBERS": 16}),
-    (propose._propose, {"COUNT": 12, "WIDE": 16, "BLOCK": 32}),
-    (gather._forward, {"WIDTH": 31, "WIDE": 32, "BLOCK": 32}), (gather._backward, {"WIDTH": 31, "WIDE": 32, "BLOCK": 32}),
-]
-for capability in (80, 90):
-    for kernel, constants in KERNELS:
-        signature = {name: "constexpr" if name in constants else NUMBERS.get(name) or INTEGERS.get(name) or "*fp32"
-                     for name in kernel.arg_names}
-        source = ASTSource(fn=kernel, signature=signature, constexprs=constants)
-        made = triton.compile(source, target=GPUTarget("cuda", capability, 32))
-        assert len(made.asm["cubin"]) > 1000
-        print(capability, kernel.__name__, len(made.asm["cubin"]))
-"""
-
-
-@pytest.mark.slow
-def test_every_kernel_compiles_for_gpus(tmp_path: Path) -> None:
-    about = {**os.environ, "TRITON_CACHE_DIR": str(tmp_path / "cache")}
-    about.pop("TRITON_INTERPRET", None)
-    run = subprocess.run([sys.executable, "-c", COMPILED], capture_output=True, text=True, env=about, timeout=600)
-    assert run.returncode == 0, run.stderr[-3000:]
-    assert len(run.stdout.splitlines()) == 18

@@ -15,8 +15,9 @@ from click.testing import CliRunner
 from written_street import write_recipe
 
 from unisim_blender.core.cli.main import run, unisim
-from unisim_blender.core.data.fingerprint import AlignedLog, Fingerprint, LogComparison, compare_log, fingerprint_of
+from unisim_blender.core.data.fingerprint import Fingerprint, compare_log, fingerprint_of
 from unisim_blender.core.data.log import Log
+from unisim_blender.core.data.moved import MovedLog, moved_log
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import Trajectory, make_pose, quaternion_from_yaw, transform_points
@@ -192,17 +193,16 @@ def test_a_whole_log_changes_no_pose_of_the_scene(made: Path) -> None:
     assert drive.cameras["front_camera"] is header.drive.cameras["front_camera"]
 
 
-def moved_log(log: Log, moved: Any, later_s: float) -> Log:
-    other: Any = AlignedLog(log, LogComparison("", "", moved, later_s), np.zeros(3))
-    return other
+def elsewhere(log: Log, moved: Any, later_s: float) -> Log:
+    return moved_log(log, lambda times: np.broadcast_to(moved, (*np.shape(times), 4, 4)), later_s, np.zeros(3))
 
 
 def test_a_world_that_is_moved_and_turned_is_taken_back(made: Path) -> None:
     """Values of a log whose world begins elsewhere and whose times begin later, in the scene's world and time."""
     log, header = open_log(made / "log"), read_scene_header(made / "scene")
     moved = make_pose(np.array([120.0, -40.0, 3.0]), quaternion_from_yaw(1.2))
-    back = aligned_log(header, moved_log(log, moved, 1.5))
-    assert isinstance(back, AlignedLog) and back.path == log.path
+    back = aligned_log(header, elsewhere(log, moved, 1.5))
+    assert isinstance(back, MovedLog) and back.path == log.path
     np.testing.assert_array_equal(back.image("front_camera", 1), log.image("front_camera", 1))
     for name in ("points", "origins", "time_s"):
         np.testing.assert_allclose(
@@ -215,7 +215,7 @@ def test_a_world_that_is_moved_and_turned_is_taken_back(made: Path) -> None:
         assert back.drive.time_s[frame] == pytest.approx(time, abs=1e-9)
         np.testing.assert_allclose(back.drive.world_from_ego.at(time), log.drive.world_from_ego.at(time), atol=1e-6)
     np.testing.assert_allclose(
-        transform_points(moved, log.sweep("pandar64", 1).points), moved_log(log, moved, 1.5).sweep("pandar64", 1).points
+        transform_points(moved, log.sweep("pandar64", 1).points), elsewhere(log, moved, 1.5).sweep("pandar64", 1).points
     )
 
 

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import small_training
 import torch
 from no_host_decisions import HostDecision, NoHostDecisions
-from small_log import write_small_log
+from small_training import small_log
 from torch import Tensor
 
 from unisim_blender.core import native
 from unisim_blender.core.data.log import Log
-from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.ops import padding, propose
 from unisim_blender.core.ops.padding import Padding, drawn, masked_mean, masked_quantile, selected
 from unisim_blender.core.ops.ray_segments import RayBatch
@@ -27,21 +27,15 @@ from unisim_blender.core.training.batches.data import CameraData, LidarData
 from unisim_blender.core.training.batches.images import PixelChoice, PixelDraw
 from unisim_blender.core.training.batches.on_device import DeviceImages, DeviceSweeps
 from unisim_blender.core.training.checkpoint import load_checkpoint, save_checkpoint
-from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.on_device import DeviceTrainer
 from unisim_blender.core.training.trainer import Trainer
 
-EVERYTHING = TrainConfig(
-    cameras=("front_camera",), lidars=("pandar64",), frames=(0, 1, 2, 3), preset="tiny", iterations=100, patches=4,
-    patch_cells=8, lidar_rays=256, perceptual_from=0.0, poses_from=0.0, unobserved_from=0.0, settled_from=0.0, prune_from=0,
-)  # fmt: skip
+EVERYTHING = dataclasses.replace(small_training.EVERYTHING, patches=4, lidar_rays=256)
 
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Log:
-    out = tmp_path_factory.mktemp("device") / "log"
-    write_small_log(out)
-    return open_log(out)
+    return small_log(tmp_path_factory.mktemp("device") / "log")
 
 
 @pytest.mark.parametrize(
@@ -97,14 +91,11 @@ def terms_of(trainer: Trainer, lengths: Padding | None) -> tuple[dict[str, Tenso
     leaves = [*start.gradients.leaves, *(trainer.camera_poses.parameters())]
 
     def step() -> tuple[dict[str, Tensor], list[Any], list[Tensor]]:
-        moved, seen = branches.seen(start, batches)
-        terms = dict(branches.camera_terms(start, moved, seen, weight).terms)
-        swept = branches.swept(start, lidar)
-        terms |= swept.terms | branches.unobserved(start) | branches.slopes(start, swept, seen)
+        terms, _, _, traced = branches.terms(start, batches, weight, lidar)
         gradients = torch.autograd.grad(torch.stack(list(terms.values())).sum(), leaves, allow_unused=True)
-        branches.update_occupancy(start, seen, camera=True)
-        branches.update_occupancy(start, swept.traced, camera=False)
-        return terms, [seen, swept.traced], [torch.zeros(()) if g is None else g for g in gradients]
+        for number, trace in enumerate(traced):
+            branches.update_occupancy(start, trace, camera=number == 0)
+        return terms, traced, [torch.zeros(()) if g is None else g for g in gradients]
 
     if lengths is None:
         return step()
@@ -298,7 +289,9 @@ def test_a_device_learns_as_the_host_does_and_resumes(log: Log, tmp_path: Path) 
     """The same losses after as many steps, within what a seed changes; a checkpoint goes on to the same bits."""
     config = dataclasses.replace(EVERYTHING, patches=8, iterations=60)
     host, device = Trainer(log, config), DeviceTrainer(log, config)
+    table = device.model.static.grid.table.detach().clone()
     losses = [[trainer.step().get("rgb") for _ in range(40)] for trainer in (host, device)]
+    assert bool((device.model.static.grid.table != table).any()), "what sinks collect is learnt, too"
     save_checkpoint(tmp_path / "kept", device)
     ends = [np.mean([loss for loss in each[20:] if loss is not None]) for each in losses]
     begins = [next(loss for loss in each if loss is not None) for each in losses]
@@ -322,7 +315,7 @@ def test_a_steps_forward_pass_is_one_graph_of_operations(log: Log, plain: None) 
     weight = None if blocks is None else blocks[1]
 
     def loss() -> Tensor:
-        return torch.stack(list(trainer.terms(start, batches, weight, beams)[0].values())).sum()
+        return torch.stack(list(trainer.branches.terms(start, batches, weight, beams)[0].values())).sum()
 
     torch.manual_seed(0)
     wanted = loss()

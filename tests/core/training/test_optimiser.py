@@ -10,7 +10,9 @@ import pytest
 import torch
 from small_log import write_small_log
 
-from unisim_blender.core.training.setup import Adam
+from unisim_blender.core import native
+from unisim_blender.core.ops.devices import torch_threads
+from unisim_blender.core.training.setup import Adam, CompiledAdam
 
 
 def steps(kind: type[torch.optim.Adam], fused: bool) -> torch.Tensor:
@@ -53,3 +55,29 @@ def test_a_step_does_not_import_torchs_compiler(tmp_path: Path) -> None:
     command = [sys.executable, "-c", STEP, str(Path(__file__).parents[2] / "support"), str(tmp_path / "log")]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+@pytest.mark.skipif(native.library() is None, reason="needs the compiled kernels")
+def test_compiled_steps_are_torchs_and_leave_gradients_of_zero() -> None:
+    generator = torch.Generator().manual_seed(0)
+    values = [torch.randn(n, generator=generator) for n in (150_003, 7)]
+    gradients = [[torch.randn(v.shape, generator=generator) * 10.0 ** -(4 * k) for v in values] for k in range(6)]
+    results = []
+    for kind, threads in ((CompiledAdam, 1), (CompiledAdam, 2), (torch.optim.Adam, 1)):
+        parameters = [torch.nn.Parameter(v.clone()) for v in values]
+        groups = [{"params": parameters[:1], "lr": 0.1, "eps": 1e-15}, {"params": parameters[1:], "lr": 0.02}]
+        optimiser = kind(groups, lr=1e-3, betas=(0.9, 0.99), fused=True)
+        for number, step in enumerate(gradients):
+            for parameter, gradient in zip(parameters, step, strict=True):
+                parameter.grad = gradient.clone()
+                parameter.grad[64:128] = 0.0 if number < 4 else 1e-12
+            with torch_threads(threads):
+                optimiser.step()
+            assert kind is torch.optim.Adam or not any(bool(p.grad.any()) for p in parameters if p.grad is not None)
+            if number == 3:
+                optimiser.load_state_dict(optimiser.state_dict())
+        states = [optimiser.state[p] for p in parameters]
+        results.append([*parameters, *(s[name] for s in states for name in ("exp_avg", "exp_avg_sq", "step"))])
+    assert all(torch.equal(a, b) for a, b in zip(*results[:2], strict=True))
+    for a, b in zip(results[0], results[2], strict=True):
+        torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-6 * float(b.abs().max()))

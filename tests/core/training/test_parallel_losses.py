@@ -9,32 +9,22 @@ from typing import Any
 
 import pytest
 import torch
-from small_log import write_small_log
+from small_training import EVERYTHING, small_log
 from torch import Tensor
 
 from unisim_blender.core import native
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import SceneError
-from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.model.networks import frozen, mlp, shallow
 from unisim_blender.core.training import branches as module
 from unisim_blender.core.training.branches import BranchGradients, run_branches
 from unisim_blender.core.training.checkpoint import _state
-from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.trainer import Trainer
-
-EVERYTHING = TrainConfig(
-    cameras=("front_camera",), lidars=("pandar64",), frames=(0, 1, 2, 3), preset="tiny", iterations=100, patches=2,
-    patch_cells=8,
-    lidar_rays=64, perceptual_from=0.0, poses_from=0.0, unobserved_from=0.0, settled_from=0.0, prune_from=0,
-)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Log:
-    out = tmp_path_factory.mktemp("branches") / "log"
-    write_small_log(out)
-    return open_log(out)
+    return small_log(tmp_path_factory.mktemp("branches") / "log")
 
 
 def leaves_of(trainer: Trainer) -> list[Tensor]:

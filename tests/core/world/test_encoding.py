@@ -80,7 +80,7 @@ def test_what_is_no_state_is_one_sentence(busy: Drive) -> None:
     text = encode_state(DriveStates(busy, {}).state(0.0, 0.1))
     data, rng = base64.b64decode(text), np.random.default_rng(0)
     sensor = encode_sensor(tiny_drive().cameras["front"], 0.0, 0.1)
-    later = base64.b64encode(data[:3] + b"\x02" + data[4:]).decode()
+    later = base64.b64encode(data[:3] + b"\x63" + data[4:]).decode()
     wrong = ["", "x", "ä", sensor, text[:-8], base64.b64encode(b"UWS").decode(), later]
     for _ in range(300):
         broken = bytearray(data)
@@ -91,7 +91,7 @@ def test_what_is_no_state_is_one_sentence(busy: Drive) -> None:
         with pytest.raises(UnisimError) as caught:
             decode_state(one)
         assert "that was sent" in str(caught.value) and "\n" not in str(caught.value)
-    with pytest.raises(UnisimError, match="has version 2"):
+    with pytest.raises(UnisimError, match="has version 99"):
         decode_state(later)
     with pytest.raises(UnisimError, match="of another kind"):
         decode_sensor(text)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,7 +36,8 @@ def nudged(trajectory: Trajectory, near_s: float, of: str = "positions", by: flo
     values: FloatArray = getattr(trajectory, of).copy()
     key = max(int(np.searchsorted(trajectory.times_s, near_s, side="right")) - 1, 0)
     values[key, ...] += by if values.ndim == 1 else np.eye(values.shape[1])[0] * by
-    return replace(trajectory, **{of: values})
+    changes: dict[str, Any] = {of: values}
+    return replace(trajectory, **changes)
 
 
 def turned(actor: Actor) -> Actor:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 
-from ..data.classes import motion_of
+from ..world.classes import motion_of
 from ..world.drive import Actor
 
 VAGUE = ("other", "uncommon")

@@ -5,13 +5,16 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import click
 from click.decorators import FC
 
+from ..data.log import Log
+from ..data.moved import Choice
 from ..prepare.scenario_plan import RenderOptions
 from ..prepare.selection import split_names
+from ..progress import Bar
 from ..remote.requests import is_url
 from ..render.quality import QUALITIES
 from ..scenes.recipe import pick_device
@@ -33,6 +36,29 @@ class SourceParam(click.Path):
 def out_option(about: str = "Folder to write; it must be empty or not be there.") -> Callable[[FC], FC]:
     """Return the option that names what a command writes."""
     return click.option("--out", required=True, type=PATH, help=about)
+
+
+def posed(log: Log, poses: Choice, quiet: bool) -> Log:
+    """Return a log with the poses that the option ``--poses`` chooses; a bar shows progress, and what they are is
+    said."""
+    from ..poses.posed import posed_log
+
+    with Bar(total=100, unit="%", desc="poses", delay=0.5, disable=quiet) as bar:
+        chosen = posed_log(log, poses, lambda share: bar.update(round(100 * share) - bar.n))
+    for sentence in chosen.sentences:
+        click.echo(sentence, err=True)
+    return chosen.log
+
+
+def poses_option(default: Choice) -> Callable[[FC], FC]:
+    """Return the option that chooses the ego's trajectory: the argument of `posed`."""
+    return click.option(
+        "--poses",
+        type=click.Choice(get_args(Choice)),
+        default=default,
+        show_default=True,
+        help="The ego's trajectory: the log's; refined by its sweeps; or auto, refined where the log's drifts.",
+    )
 
 
 def render_options(

@@ -6,7 +6,7 @@ sectors of direction. Directions are in the ego's axes, so neither a re-centred 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,6 @@ import numpy as np
 from ..errors import LogError, SceneError
 from ..geometry import (
     FloatArray,
-    Trajectory,
     invert_pose,
     nearest_rotation,
     rotate_vectors,
@@ -22,8 +21,9 @@ from ..geometry import (
     transform_points,
 )
 from ..json_file import Node
-from ..world.drive import Camera, Drive, Lidar
-from .log import Log, Sweep, SweepGrid
+from ..world.drive import Camera, Drive
+from .log import Log
+from .moved import moved_log
 
 MOST_FRAMES = 12
 """Largest number of frames of a fingerprint."""
@@ -228,7 +228,7 @@ class LogComparison:
         return bool(turned > SAME_WORLD_RAD or away > SAME_WORLD_M or abs(self.later_s) > SAME_TIME_S)
 
 
-def compare_log(own: Fingerprint, log: Log) -> LogComparison:
+def compare_log(own: Fingerprint, log: Log, apart_m: float = SAME_MOTION_M) -> LogComparison:
     """Compare a log with a fingerprint: the ego's motion over the frames that both have, and some of their images and
     sweeps.
 
@@ -244,7 +244,7 @@ def compare_log(own: Fingerprint, log: Log) -> LogComparison:
     apart = np.linalg.norm(transform_points(moved, there[:, :3, 3]) - here[:, :3, 3], axis=1)
     later = np.array([own.times_s[frame] - drive.time_s[frame] for frame in shared])
     compared = f"the ego's motion over {len(shared)} frames"
-    if apart.max() > SAME_MOTION_M:
+    if apart.max() > apart_m:
         at = shared[int(apart.argmax())]
         return LogComparison(f"the vehicle is {apart.max():.1f} m away at frame {at}", compared, moved, 0.0)
     later_s = float(np.median(later))
@@ -332,84 +332,15 @@ def _some(frames: Any) -> str:
     return ", ".join(names) if len(names) <= 4 else f"{names[0]}, {names[1]} … {names[-1]}"
 
 
-class AlignedLog:
-    """A log in another world and time: ``moved`` (4, 4) takes its world to the other, ``later_s`` is added to its
-    times.
-
-    Other members are the log's own.
-    """
-
-    def __init__(self, log: Log, comparison: LogComparison, world_origin: FloatArray) -> None:
-        self._log, self._moved, self._later_s = log, comparison.moved, comparison.later_s
-        self.path, self.missing = log.path, log.missing
-        self.drive = self._moved_drive(log.drive, world_origin)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._log, name)
-
-    def sweep(self, lidar: str, frame: int) -> Sweep:
-        sweep = self._log.sweep(lidar, frame)
-        drops = sweep.drops
-        if drops is not None:
-            drops = replace(
-                drops,
-                origins=transform_points(self._moved, drops.origins),
-                directions=rotate_vectors(self._moved, drops.directions),
-                time_s=drops.time_s + self._later_s,
-            )
-        points, origins = (transform_points(self._moved, x) for x in (sweep.points, sweep.origins))
-        return replace(sweep, points=points, origins=origins, time_s=sweep.time_s + self._later_s, drops=drops)
-
-    def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
-        grid = self._log.sweep_grid(lidar, frame)
-        return replace(
-            grid,
-            origins=transform_points(self._moved, grid.origins),
-            directions=rotate_vectors(self._moved, grid.directions),
-            time_s=grid.time_s + self._later_s,
-        )
-
-    def _moved_drive(self, drive: Drive, world_origin: FloatArray) -> Drive:
-        def track(own: Trajectory) -> Trajectory:
-            moved = own.transformed(left=self._moved)
-            return Trajectory(own.times_s + self._later_s, moved.positions, moved.quaternions_wxyz)
-
-        def times(own: dict[int, float]) -> dict[int, float]:
-            return {frame: time + self._later_s for frame, time in own.items()}
-
-        def sensor(own: Camera | Lidar) -> Camera | Lidar:
-            name = "readouts" if isinstance(own, Camera) else "phase"
-            stamped = getattr(own, name)
-            stamped = stamped and replace(stamped, times_s=stamped.times_s + self._later_s)
-            return replace(own.along(track(own.trajectory)), time_s=times(own.time_s), **{name: stamped})
-
-        actors = {
-            uid: replace(
-                actor,
-                world_from_actor=track(actor.world_from_actor),
-                start_s=actor.start_s + self._later_s,
-                end_s=actor.end_s + self._later_s,
-            )
-            for uid, actor in drive.actors.items()
-        }
-        return replace(
-            drive.with_sensors(sensor),
-            time_s=times(drive.time_s),
-            world_from_ego=track(drive.world_from_ego),
-            actors=actors,
-            world_origin=world_origin,
-        )
-
-
-def aligned(own: Fingerprint, log: Log, world_origin: FloatArray, place: str) -> Log:
+def aligned(own: Fingerprint, log: Log, world_origin: FloatArray, place: str, apart_m: float = SAME_MOTION_M) -> Log:
     """Return a log in the world of a fingerprint, itself where that is its own. Raises `SceneError`, which begins with
-    ``place``, where it is of another drive; ``world_origin`` is that of the fingerprint's drive."""
-    comparison = compare_log(own, log)
+    ``place``, where it is of another drive: where the ego is more than ``apart_m`` away, or captures differ;
+    ``world_origin`` is that of the fingerprint's drive."""
+    comparison = compare_log(own, log, apart_m)
     if comparison.difference:
         what = f" (compared: {comparison.compared})" if comparison.compared else ""
         raise SceneError(f"{place} another drive than {log.path}: {comparison.difference}{what}")
     if not comparison.is_moved:
         return log
-    moved: Any = AlignedLog(log, comparison, world_origin)
-    other: Log = moved
-    return other
+    moved, later_s = comparison.moved, comparison.later_s
+    return moved_log(log, lambda times: np.broadcast_to(moved, (*np.shape(times), 4, 4)), later_s, world_origin)

@@ -15,9 +15,9 @@ from ..files import content_digests
 from ..geometry import FloatArray
 from ..json_file import json_bytes
 from ..memo import memoized
+from ..world.classes import Motion
 from ..world.drive import Drive, LidarModel
 from ..world.drive_json import drive_to_json
-from .classes import Motion
 
 
 @dataclass(frozen=True)
@@ -134,6 +134,10 @@ class Log(Protocol):
         """Return the recorded sweep as beams x columns, with drops."""
 
 
+REFINED = "refined"
+"""Value of `LogExtras.poses`, and of a scene's, for a trajectory that sweeps have corrected."""
+
+
 def no_mask(camera: str) -> NDArray[np.bool_] | None:
     """Return None: there is no mask of any camera."""
     return None
@@ -156,6 +160,8 @@ class LogExtras:
     them."""
     notes: Mapping[str, str] = field(default_factory=dict)
     """Notes so far for a user from reading images and sweeps, a sentence a matter: `image_files.Notes`."""
+    poses: str = "log"
+    """Where the ego's trajectory comes from: "log", or `REFINED`."""
     road: Mapping[int, bool] = field(default_factory=dict)
     """Whether semantic classes of sweeps, by their numbers, are road or something else that stands; other classes, as
     vehicles', do not tell what is below them. Empty where sweeps have no classes."""

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from ..errors import LogError
 from ..geometry import FloatArray, Trajectory, invert_pose, spread_indices
+from ..world.classes import motion_of
 from ..world.drive import Actor, Camera, Drive, Lidar
-from .classes import motion_of
 from .image_files import Notes, image_header
 from .log import Log, Sweep, extras_of
 

@@ -8,6 +8,7 @@ and k.
 
 from __future__ import annotations
 
+import ctypes
 from typing import Any
 
 import torch
@@ -16,9 +17,10 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from .. import native
+from . import gpu
 from .constants import MAX_LOG_DENSITY
 from .devices import kernel_threads
-from .dispatch import Operation
+from .dispatch import Operation, on_cpu_or_gpu
 
 
 def logistic_intervals(s: Tensor, beta: Tensor | float) -> tuple[Tensor, Tensor]:
@@ -61,7 +63,7 @@ def logistic_intervals_reference(s: Tensor, beta: Tensor | float) -> tuple[Tenso
 
 def logistic_intervals_compiled(s: Tensor, beta: Tensor | float) -> tuple[Tensor, Tensor]:
     """`logistic_intervals` by the compiled kernels."""
-    tau, stop_fraction = _LogisticIntervals.apply(s, torch.as_tensor(beta))  # type: ignore[no-untyped-call]
+    tau, stop_fraction = _LogisticIntervals.apply(s, beta if isinstance(beta, Tensor) else s.new_full((), beta))  # type: ignore[no-untyped-call]
     return tau, stop_fraction
 
 
@@ -70,25 +72,33 @@ class _LogisticIntervals(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, s: Tensor, beta: Tensor) -> tuple[Tensor, Tensor]:
+        s = s.contiguous()
+        tau, stop_fraction = torch.empty_like(s), torch.empty_like(s)
+        ctx.save_for_backward(s, beta)
+        if gpu.serves(s):
+            width = ctypes.c_int32(s.shape[1])
+            gpu.launch("intervals", s, s.numel(), s, s.numel(), width, beta, tau, stop_fraction)
+            return tau, stop_fraction
         lib = native.library()
         assert lib is not None
-        s, sharp = s.contiguous(), float(beta)
-        tau, stop_fraction = torch.empty_like(s), torch.empty_like(s)
+        ctx.sharp = sharp = float(beta)
         lib.unisim_intervals_forward(
             s.data_ptr(), *s.shape, sharp, tau.data_ptr(), stop_fraction.data_ptr(), kernel_threads()
         )  # fmt: skip
-        ctx.sharp = sharp
-        ctx.save_for_backward(s)
         return tau, stop_fraction
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor, Tensor]:
+        s, beta = ctx.saved_tensors
+        of_tau, of_stop_fraction = (g.contiguous() for g in grads)
+        of_s, of_beta = torch.empty_like(s), torch.empty_like(beta)
+        if gpu.serves(s):
+            width = ctypes.c_int32(s.shape[1])
+            gpu.launch("interval_gradients", s, s.numel(), s, s.numel(), width, beta, of_tau, of_stop_fraction, of_s)
+            return -beta * of_s, -(s * of_s).sum()
         lib = native.library()
         assert lib is not None
-        (s,) = ctx.saved_tensors
-        of_tau, of_stop_fraction = (g.contiguous() for g in grads)
-        of_s, of_beta = torch.empty_like(s), torch.empty(())
         lib.unisim_intervals_backward(
             s.data_ptr(), *s.shape, ctx.sharp, of_tau.data_ptr(), of_stop_fraction.data_ptr(), of_s.data_ptr(),
             of_beta.data_ptr(), kernel_threads(),
@@ -96,7 +106,9 @@ class _LogisticIntervals(torch.autograd.Function):
         return of_s, of_beta
 
 
-OPERATION = Operation(logistic_intervals_reference, lambda s, beta: (s,), compiled=logistic_intervals_compiled)
+OPERATION = Operation(
+    logistic_intervals_reference, lambda s, beta: (s,), compiled=logistic_intervals_compiled, takes=on_cpu_or_gpu
+)
 
 
 def unisim_intervals(s: Tensor, t: Tensor, beta: Tensor | float, step_m: float) -> tuple[Tensor, Tensor]:

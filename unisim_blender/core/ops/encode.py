@@ -19,8 +19,9 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from .. import native
+from . import gpu
 from .devices import kernel_threads
-from .dispatch import Operation
+from .dispatch import Operation, on_cpu_or_gpu
 from .grid_shape import GridArrays, GridShape
 
 _PRIMES = (1, 2654435761, 805459861)
@@ -78,12 +79,16 @@ class GradientSink:
 
 
 def add_to_table(grid: GridArrays, x: Tensor, index: Tensor | None, grad: Tensor, into: Tensor) -> None:
-    """Add the table's gradient of one encoding, see `GradientSink.put`, by the compiled kernel: contiguous CPU
-    tensors."""
+    """Add the table's gradient of one encoding, see `GradientSink.put`, by the compiled kernel: contiguous
+    tensors. A GPU adds up in any order."""
+    if gpu.serves(x):
+        of = gpu.encoded_points(grid.shape, into, x, index)
+        gpu.launch("encode_table_gradient", x, len(x) * grid.shape.levels, of, len(x), grad, into)
+        return
     lib = native.library()
     assert lib is not None
     lib.unisim_encode_backward_table(
-        ctypes.byref(grid.struct), x.data_ptr(), None if index is None else index.data_ptr(), len(x), grad.data_ptr(),
+        ctypes.byref(grid.struct), x.data_ptr(), gpu.pointer(index), len(x), grad.data_ptr(),
         into.data_ptr(), kernel_threads(),
     )  # fmt: skip
 
@@ -135,10 +140,6 @@ def encode_compiled(
     return out
 
 
-def _pointer(tensor: Tensor | None) -> int | None:
-    return None if tensor is None else tensor.data_ptr()
-
-
 class _Encode(torch.autograd.Function):
     """The compiled encoding, forward and backward."""
 
@@ -146,25 +147,26 @@ class _Encode(torch.autograd.Function):
     def forward(
         ctx: Any, grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None, sink: GradientSink | None
     ) -> Tensor:
+        table, x = table.contiguous(), x.contiguous()
+        ctx.grid, ctx.index, ctx.sink = grid, index, sink
+        ctx.save_for_backward(table, x)
+        out = x.new_empty(len(x), grid.shape.width)
+        if gpu.serves(x):
+            of = gpu.encoded_points(grid.shape, table, x, index)
+            gpu.launch("encode", x, len(x) * grid.shape.levels, of, len(x), out)
+            return out
         lib = native.library()
         assert lib is not None
-        ctx.sink = sink
-        table, x = table.contiguous(), x.contiguous()
-        out = torch.empty(len(x), grid.shape.width)
         status = lib.unisim_encode_forward(
-            ctypes.byref(grid.struct), x.data_ptr(), _pointer(index), len(x), table.data_ptr(), out.data_ptr(),
+            ctypes.byref(grid.struct), x.data_ptr(), gpu.pointer(index), len(x), table.data_ptr(), out.data_ptr(),
             kernel_threads(),
         )  # fmt: skip
         assert status == 0, status
-        ctx.grid, ctx.index = grid, index
-        ctx.save_for_backward(table, x)
         return out
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *grads: Tensor) -> tuple[None, Tensor | None, Tensor | None, None, None]:
-        lib = native.library()
-        assert lib is not None
         table, x = ctx.saved_tensors
         grad = grads[0].contiguous()
         grid, index = ctx.grid, ctx.index
@@ -177,8 +179,14 @@ class _Encode(torch.autograd.Function):
                 add_to_table(grid, x, index, grad, grad_table)
         if ctx.needs_input_grad[2]:
             grad_x = torch.empty_like(x)
+            if gpu.serves(x):
+                of = gpu.encoded_points(grid.shape, table, x, index)
+                gpu.launch("encode_point_gradient", x, len(x), of, len(x), grad, grad_x)
+                return None, grad_table, grad_x, None, None
+            lib = native.library()
+            assert lib is not None
             lib.unisim_encode_backward_input(
-                ctypes.byref(grid.struct), x.data_ptr(), _pointer(index), len(x), table.data_ptr(), grad.data_ptr(),
+                ctypes.byref(grid.struct), x.data_ptr(), gpu.pointer(index), len(x), table.data_ptr(), grad.data_ptr(),
                 grad_x.data_ptr(), kernel_threads(),
             )  # fmt: skip
         return None, grad_table, grad_x, None, None
@@ -188,5 +196,5 @@ OPERATION = Operation(
     encode_reference,
     lambda grid, table, x, index=None, sink=None: (x, table),
     compiled=encode_compiled,
-    gpu="encode.encode",
+    takes=on_cpu_or_gpu,
 )

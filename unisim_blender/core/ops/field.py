@@ -9,8 +9,9 @@ import torch
 from torch import Tensor
 
 from .. import native
+from . import gpu
 from .devices import kernel_threads
-from .dispatch import Operation
+from .dispatch import Operation, on_cpu_or_gpu
 from .encode import GradientSink, encode
 from .grid_shape import GridArrays
 from .mlp import network_struct, two_layers
@@ -39,15 +40,18 @@ def query_compiled(
 ) -> Tensor:  # fmt: skip
     """`query` in one compiled kernel, without gradients: encodings of a block of points stay in the processor's
     cache."""
-    lib = native.library()
-    assert lib is not None
     w1, w2, bias, x, table = (value.detach().contiguous() for value in (w1, w2, bias, x, table))
     numbers = None if index is None else index.to(torch.int32).contiguous()
-    out = torch.empty(len(x), len(w2))
+    out = x.new_empty(len(x), len(w2))
+    net = network_struct(w1, w2, bias)
+    if gpu.serves(x):
+        gpu.launch("field", x, len(x), gpu.encoded_points(grid.shape, table, x, numbers), net, len(x), out)
+        return out
+    lib = native.library()
+    assert lib is not None
     status = lib.unisim_field_forward(
-        ctypes.byref(grid.struct), x.data_ptr(), None if numbers is None else numbers.data_ptr(), len(x),
-        table.data_ptr(),
-        ctypes.byref(network_struct(w1, w2, bias)), out.data_ptr(), kernel_threads(),
+        ctypes.byref(grid.struct), x.data_ptr(), gpu.pointer(numbers), len(x), table.data_ptr(),
+        ctypes.byref(net), out.data_ptr(), kernel_threads(),
     )  # fmt: skip
     assert status == 0, status
     return out
@@ -62,4 +66,4 @@ def _deciding(
     return () if learns else (x, table, w2)
 
 
-OPERATION = Operation(query_reference, _deciding, compiled=query_compiled, gpu="field.query")
+OPERATION = Operation(query_reference, _deciding, compiled=query_compiled, takes=on_cpu_or_gpu)

@@ -11,8 +11,9 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from .. import native
+from . import gpu
 from .devices import kernel_threads
-from .dispatch import Operation
+from .dispatch import Operation, on_cpu_or_gpu
 from .ray_segments import RaySegments
 from .transmittances import segments_struct
 
@@ -54,6 +55,14 @@ def with_even_rows(features: Tensor) -> Tensor:
     return features
 
 
+def _segments(
+    t: Tensor, tau: Tensor, stop_fraction: Tensor, before: Tensor, features: Tensor
+) -> gpu.GatheredSegmentsStruct:
+    n, width, length = features.shape
+    values = (x.data_ptr() for x in (t, tau, stop_fraction, before, features))
+    return gpu.GatheredSegmentsStruct(n, features.stride(1), width, length, *values)
+
+
 class _Gather(torch.autograd.Function):
     """Forward and backward."""
 
@@ -61,29 +70,40 @@ class _Gather(torch.autograd.Function):
     def forward(
         ctx: Any, ray: Tensor, t: Tensor, tau: Tensor, stop_fraction: Tensor, before: Tensor, features: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
-        lib = native.library()
-        assert lib is not None
         ray, t, tau, stop_fraction, before = (x.contiguous() for x in (ray, t, tau, stop_fraction, before))
         features = with_even_rows(features)
         n, _, length = features.shape
         interval, weight, sums = torch.empty_like(tau), torch.empty_like(tau), tau.new_empty(n, length + 3)
+        ctx.save_for_backward(ray, t, tau, stop_fraction, before, features, weight)
+        if gpu.serves(tau):
+            of = _segments(t, tau, stop_fraction, before, features)
+            gpu.launch("weigh", tau, n, of, interval, weight, sums)
+            gpu.launch("sum_features", tau, n * length, of, weight, sums)
+            return interval, weight, sums
+        lib = native.library()
+        assert lib is not None
         lib.unisim_gather_forward(
             ctypes.byref(segments_struct(ray, t, tau, stop_fraction)), before.data_ptr(), features.data_ptr(),
             features.stride(1),
             length, interval.data_ptr(), weight.data_ptr(), sums.data_ptr(), kernel_threads(),
         )  # fmt: skip
-        ctx.save_for_backward(ray, t, tau, stop_fraction, before, features, weight)
         return interval, weight, sums
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
-        lib = native.library()
-        assert lib is not None
         ray, t, tau, stop_fraction, before, features, weight = ctx.saved_tensors
         of_interval, of_weight, of_sums = (g.contiguous() for g in grads)
         of_tau, of_stop_fraction, of_before = (torch.empty_like(tau) for _ in range(3))
         of_features = features.new_empty(features.shape)
+        if gpu.serves(tau):
+            of = _segments(t, tau, stop_fraction, before, features)
+            gpu.launch("weight_gradients", tau, tau.numel(), of, of_weight, of_sums, of_before)
+            gpu.launch("gather_gradients", tau, len(tau), of, of_interval, of_sums, of_tau, of_stop_fraction, of_before)
+            gpu.launch("feature_gradients", tau, of_features.numel(), of, weight, of_sums, of_features)
+            return None, None, of_tau, of_stop_fraction, of_before, of_features
+        lib = native.library()
+        assert lib is not None
         lib.unisim_gather_backward(
             ctypes.byref(segments_struct(ray, t, tau, stop_fraction)), before.data_ptr(), features.data_ptr(),
             features.stride(1),
@@ -101,4 +121,4 @@ def _deciding(ray_segment: RaySegments, before: Tensor) -> Sequence[Tensor]:
     return ray_segment.t, ray_segment.tau, ray_segment.stop_fraction, ray_segment.features
 
 
-OPERATION = Operation(gather_reference, _deciding, compiled=gather_compiled, gpu="gather.gather")
+OPERATION = Operation(gather_reference, _deciding, compiled=gather_compiled, takes=on_cpu_or_gpu)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 from dataclasses import dataclass
 
@@ -10,9 +11,10 @@ import torch
 from torch import Tensor
 
 from .. import native
+from . import gpu
 from .constants import DECAY_PER_M
 from .devices import kernel_threads
-from .dispatch import Operation
+from .dispatch import Operation, on_cpu_or_gpu
 
 
 @dataclass(frozen=True)
@@ -86,12 +88,20 @@ def propose_compiled(voxels: Voxels, spans: RaySpans, u: Tensor) -> tuple[Tensor
     o, d = spans.origins.contiguous(), spans.directions.contiguous()
     t_near, t_far = spans.t_near.contiguous(), spans.t_far.contiguous()
     values, u = voxels.values.contiguous(), u.contiguous()
+    t, mass = u.new_empty(n, count), u.new_empty(n)
+    if gpu.serves(u):
+        lower_m = voxels.lower.float().contiguous()
+        rays = gpu.VoxelRaysStruct(
+            *(gpu.pointer(x) for x in (o, d, t_near, t_far, lower_m, values)), (ctypes.c_int32 * 3)(*values.shape),
+            1 / voxels.voxel_m, voxels.voxel_m / 2, DECAY_PER_M,
+        )  # fmt: skip
+        gpu.launch("propose_places", u, n, rays, n, u, ctypes.c_int32(count), t, mass)
+        return t, mass
     lib = native.library()
     assert lib is not None
     shape = np.array(voxels.values.shape, np.int32)
     lower = voxels.lower.numpy().astype(np.float32)
     voxel = np.float32(voxels.voxel_m).reshape(1)
-    t, mass = torch.empty(n, count), torch.empty(n)
     lib.unisim_propose(
         o.data_ptr(), d.data_ptr(), t_near.data_ptr(), t_far.data_ptr(), n, values.data_ptr(), shape.ctypes.data,
         lower.ctypes.data, voxel.ctypes.data, voxels.voxel_m / 2, DECAY_PER_M, u.data_ptr(), count, t.data_ptr(),
@@ -100,6 +110,4 @@ def propose_compiled(voxels: Voxels, spans: RaySpans, u: Tensor) -> tuple[Tensor
     return t, mass
 
 
-OPERATION = Operation(
-    propose_reference, lambda voxels, spans, u: (u,), compiled=propose_compiled, gpu="propose.propose"
-)
+OPERATION = Operation(propose_reference, lambda voxels, spans, u: (u,), compiled=propose_compiled, takes=on_cpu_or_gpu)

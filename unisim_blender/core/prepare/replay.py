@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..data.fingerprint import aligned
-from ..data.log import Log
+from ..data.log import REFINED, Log, extras_of
+from ..data.moved import on_trajectory
 from ..errors import SceneError
 from ..geometry import FloatArray, Trajectory, invert_pose
 from ..model.scene_file import SceneHeader
@@ -16,18 +17,25 @@ from ..world.drive import Actor, Camera, Drive, Lidar
 ORIGIN_TOLERANCE_M = 1e-6
 MAX_REFINEMENT_M = 1.0
 """Refinement moves poses by centimetres; another drive is metres away."""
+MAX_DRIFT_M = 10.0
+"""Largest difference, metres, between a log's poses and refined ones of the same drive."""
 KEY_TOLERANCE_S = 1e-4
 
 
 def aligned_log(header: SceneHeader, log: Log) -> Log:
     """Return a log in the world and time of a scene that was trained on its drive; the log itself where they are its own.
 
-    A copy of the scene's log, a part of it and a conversion to another layout are of its drive. The ego's motion and some
+    A copy of the scene's log, a part of it and a conversion to another layout are of its drive. The log of a scene that
+    was trained on refined poses gets the scene's trajectory of the ego. The ego's motion and some
     images and sweeps are compared (`data.fingerprint`); of a scene that keeps no fingerprint, the ego's positions in the
     log's own coordinates. Raises `SceneError` where the scene was trained on another drive.
     """
     if header.fingerprint is not None:
-        return aligned(header.fingerprint, log, header.world_origin, f"{header.path}: was trained on")
+        place = f"{header.path}: was trained on"
+        if header.training.get("poses") != REFINED or extras_of(log).poses == REFINED:
+            return aligned(header.fingerprint, log, header.world_origin, place)
+        log = aligned(header.fingerprint, log, header.world_origin, place, MAX_DRIFT_M)
+        return on_trajectory(log, header.drive.world_from_ego, REFINED)
     drive = log.drive
     shared = [frame for frame in header.drive.frames if frame in drive.time_s]
     apart = np.linalg.norm(_ego_in_log_world(header.drive, shared) - _ego_in_log_world(drive, shared), axis=1)

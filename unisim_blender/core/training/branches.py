@@ -314,6 +314,23 @@ class LossBranches:
             )
         start.gradients.take(loss)
 
+    def terms(
+        self, start: BranchStart, batches: list[PatchBatch], weight: Tensor | None, beams: LidarBatch | None
+    ) -> tuple[dict[str, Tensor], dict[str, Tensor], Tensor, list[SegmentTrace]]:
+        """Return what both branches give in one graph: the terms of the loss, metrics, the last batch's squared errors
+        (N,), and the traces of the cameras' rays and of beams. ``weight`` is that of `camera_terms`."""
+        batches, seen = self.seen(start, batches)
+        camera = self.camera_terms(start, batches, seen, weight)
+        terms, metrics, traced = dict(camera.terms), {"psnr": camera.psnr}, [seen]
+        swept = None if beams is None else self.swept(start, beams)
+        if swept is not None:
+            terms, traced = {**terms, **swept.terms}, [*traced, swept.traced]
+            metrics["lidar_m"] = swept.error_m
+        terms.update(self.unobserved(start))
+        if swept is not None:
+            terms.update(self.slopes(start, swept, seen))
+        return terms, metrics, camera.errors, traced
+
     def patches_apart(self) -> int:
         """Return the number of patches that are taken apart, a ray here and a ray there: see `TrainConfig.scattered`."""
         c = self.setup.config

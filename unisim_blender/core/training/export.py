@@ -18,6 +18,7 @@ from PIL import Image
 from torch import Tensor
 
 from ..data.images import resize_image
+from ..data.log import extras_of
 from ..data.own_vehicle import outlines_from_json, outlines_to_json, shows_scene
 from ..geometry import FloatArray, Trajectory, invert_pose, transform_points
 from ..model.checkpoint import TorchScene, save_scene
@@ -132,6 +133,8 @@ def header_of(trainer: Trainer, out: Path) -> SceneHeader:
     }  # fmt: skip
     if config.noise is not None:
         training["disturbed"] = config.noise
+    if (poses := extras_of(log).poses) != "log":
+        training["poses"] = poses
     return SceneHeader(
         path=out,
         name=out.name,

@@ -18,12 +18,11 @@ from torch import Tensor
 from ..data.log import Log
 from ..errors import SceneError
 from ..ops.padding import Padding
-from ..ops.segment_trace import SegmentTrace
 from .batches.data import LidarData, PatchBatch
 from .batches.images import LoadedImages
 from .batches.on_device import DeviceImages, DeviceSweeps, device_bytes
 from .batches.sweeps import LidarBatch
-from .branches import STOPPED_FROM, BranchStart
+from .branches import STOPPED_FROM
 from .config import TrainConfig
 from .trainer import BETA_MAX_LOG, Trainer
 
@@ -144,36 +143,17 @@ class DeviceTrainer(Trainer):
             batches, blocks = [*batches, cells], (block, weight)
         return batches, blocks, None if sweeps is None else sweeps.sample(c.lidar_rays)
 
-    def terms(
-        self, start: BranchStart, batches: list[PatchBatch], weight: Tensor | None, beams: LidarBatch | None
-    ) -> tuple[dict[str, Tensor], dict[str, Tensor], Tensor, list[SegmentTrace]]:
-        """Return the terms of the loss, metrics, the last batch's squared errors (N,), and the traces of the cameras' rays
-        and of beams."""
-        branches = self.branches
-        batches, seen = branches.seen(start, batches)
-        camera = branches.camera_terms(start, batches, seen, weight)
-        terms, metrics, traced = dict(camera.terms), {"psnr": camera.psnr}, [seen]
-        swept = None if beams is None else branches.swept(start, beams)
-        if swept is not None:
-            terms, traced = {**terms, **swept.terms}, [*traced, swept.traced]
-            metrics["lidar_m"] = swept.error_m
-        terms.update(branches.unobserved(start))
-        if swept is not None:
-            terms.update(branches.slopes(start, swept, seen))
-        return terms, metrics, camera.errors, traced
-
     def _once(self, done: float, slow: bool) -> None:
         start = self._start(0, done, self.deferred(), Future())
         batches, blocks, beams = self.draw()
-        sinks = self._sinks_of(start.tables)
-        for sink, _ in sinks:
+        for sink, _ in self._sinks_of(start.tables):
             sink.clear()
-        terms, metrics, errors, traced = self.terms(start, batches, None if blocks is None else blocks[1], beams)
+        terms, metrics, errors, traced = self.branches.terms(
+            start, batches, None if blocks is None else blocks[1], beams
+        )
         self.optimiser.zero_grad(set_to_none=False)
         torch.stack(list(terms.values())).sum().backward()
-        for sink, table in sinks:
-            if table.grad is not None:
-                sink.pour(table.grad)
+        self._pour(start.tables)
         if blocks is not None and self._data is not None:
             self._data[0].note(blocks[0], errors)
         self.optimiser.step()

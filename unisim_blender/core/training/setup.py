@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..data.classes import motion_of
+from .. import native
 from ..data.fingerprint import Fingerprint, fingerprint_of
 from ..data.log import Log, extras_of
 from ..errors import LogError
@@ -25,8 +26,9 @@ from ..model.shapes import cells_of
 from ..model.tracklets import Tracklets
 from ..model.volume import Volume
 from ..ops.constants import SYMMETRIC_CLASSES
-from ..ops.devices import module_to, torch_threads, zeros_on_demand
+from ..ops.devices import kernel_threads, module_to, torch_threads, zeros_on_demand
 from ..ops.encode import GradientSink
+from ..world.classes import motion_of
 from ..world.drive import Actor, Drive
 from ..world.replay import with_windows
 from .batches.data import CameraData, LidarData, lidar_captures
@@ -61,6 +63,37 @@ class Adam(torch.optim.Adam):
     add_param_group, zero_grad = _plain("add_param_group"), _plain("zero_grad")
     state_dict, load_state_dict = _plain("state_dict"), _plain("load_state_dict")
     step = torch.no_grad()(_plain("step"))
+
+
+class CompiledAdam(Adam):
+    """`Adam` by the compiled kernel: one pass over the memory, after which gradients are zero. It takes float32
+    parameters on the CPU without gaps; its threads end with the pass, where torch's would wait for more work in a loop."""
+
+    @torch.no_grad()
+    def step(self, closure: None = None) -> None:  # type: ignore[override]
+        """Update the parameters that have a gradient, and set their gradients to zero."""
+        lib, parts = native.library(), []
+        assert lib is not None
+        beta1, beta2 = self.defaults["betas"]
+        for group in self.param_groups:
+            for p in group["params"]:
+                if p.grad is None:
+                    continue
+                state = self.state[p]
+                if not state:
+                    state.update(step=torch.tensor(0.0), exp_avg=torch.zeros_like(p), exp_avg_sq=torch.zeros_like(p))
+                state["step"] += 1
+                # a kernel's weights may have their channels last
+                p.grad, state["exp_avg"], state["exp_avg_sq"] = arrays = [
+                    a if a.stride() == p.stride() else torch.empty_like(p).copy_(a)
+                    for a in (p.grad, state["exp_avg"], state["exp_avg_sq"])
+                ]
+                assert all(a.dtype == torch.float32 for a in (p, *arrays)), p.shape
+                taken = float(state["step"])
+                rate, root = group["lr"] / (1 - beta1**taken), math.sqrt(1 - beta2**taken)
+                pointers = (a.data_ptr() for a in (p, *arrays))
+                parts.append(native.AdamStruct(p.numel(), *pointers, rate, root, group["eps"]))
+        lib.unisim_adam((native.AdamStruct * len(parts))(*parts), len(parts), beta1, beta2, kernel_threads())
 
 
 class TrainingSetup:
@@ -178,13 +211,14 @@ class TrainingSetup:
     def _make_optimisers(self) -> None:
         tables = []
         self.sinks: list[tuple[GradientSink, Tensor]] = []
+        has_kernels = self.config.device.startswith(("cpu", "cuda"))
         for module in self.model.modules():
             if isinstance(module, HashTable):
                 tables.append(module.table)
-                if self.config.device == "cpu":
+                if has_kernels:
                     module.sink = GradientSink()
                     self.sinks.append((module.sink, module.table))
-        if self.config.device == "cpu":
+        if has_kernels:
             self.model.actors.sink = GradientSink()
         appearances = self.model.actors.own()
         known = {id(p) for p in (*tables, *appearances)}
@@ -207,8 +241,9 @@ class TrainingSetup:
             # a graph of operations reads a rate where it is, not what it was
             for group in (*fast, *slow):
                 group["lr"] = torch.full((), 1e-3, device=c.device)
+        kind = CompiledAdam if c.device == "cpu" and native.library() is not None else Adam
         self.optimiser, self.slow = (
-            Adam(groups, lr=1e-3, betas=(0.9, 0.99), fused=c.device != "mps", capturable=on_gpu)
+            kind(groups, lr=1e-3, betas=(0.9, 0.99), fused=c.device != "mps", capturable=on_gpu)
             for groups in (fast, slow)
         )
 

@@ -19,7 +19,7 @@ from ..ops.segment_trace import SegmentTrace
 from ..render.tracers.torch.actor_tensors import ActiveActorTensors, ActorSetTensors
 from .branches import BranchGradients, BranchStart, LossBranches, run_branches
 from .config import TrainConfig
-from .setup import TrainingSetup
+from .setup import CompiledAdam, TrainingSetup
 
 BETA_MAX_LOG = math.log(100.0)
 """Logarithm of the largest sharpness, 1 / metres: a sharper surface is far thinner than the finest cell, and no gradient
@@ -120,16 +120,21 @@ class Trainer(TrainingSetup):
         own = self.model.actors.sink
         return self.sinks if own is None else [*self.sinks, (own, tables)]
 
-    def _update(self, starts: list[BranchStart], tables: Tensor) -> None:
-        """Add the branches' gradients up, in their order, and update what they are of; ``tables`` are the actors'."""
-        with torch_threads(None):
-            self.optimiser.zero_grad(set_to_none=False)
-        for start in starts:
-            start.gradients.add()
+    def _pour(self, tables: Tensor) -> None:
+        """Add the tables' gradients from their sinks; ``tables`` are the actors'."""
         for sink, table in self._sinks_of(tables):
             if table.grad is None:
-                table.grad = zeros_on_demand(table.shape)
+                table.grad = zeros_on_demand(table.shape, device=table.device)
             sink.pour(table.grad)
+
+    def _update(self, starts: list[BranchStart], tables: Tensor) -> None:
+        """Add the branches' gradients up, in their order, and update what they are of; ``tables`` are the actors'."""
+        if not isinstance(self.optimiser, CompiledAdam):
+            with torch_threads(None):
+                self.optimiser.zero_grad(set_to_none=False)
+        for start in starts:
+            start.gradients.add()
+        self._pour(tables)
         with torch_threads(None):
             self.optimiser.step()
         with torch.no_grad():

@@ -12,7 +12,7 @@ import hashlib
 import json
 import struct
 from collections.abc import Iterable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from .drive import Actor, Appearance, Box, Camera, CameraModel, Lidar, LidarMode
 from .drive_json import LIDAR_TABLES
 from .replay import WorldState
 
-ENCODING_VERSION = 1
+ENCODING_VERSION = 2
 MAGIC = b"UWS"
 DIGEST_BYTES = 16
 MAX_NUMBERS = 1 << 24
@@ -42,7 +42,8 @@ def encode_state(state: WorldState) -> str:
         appearance, trajectory = actor.appearance, actor.world_from_actor
         words = [actor.uid, actor.label, appearance.actor, appearance.scene, appearance.mesh]
         actors.append([*words, actor.is_moving, actor.inserted, actor.is_ego_body, len(trajectory.times_s)])
-        numbers += [np.array([*actor.size_m, *actor.scale, actor.start_s, actor.end_s]), *_keys(trajectory)]
+        about = [*actor.size_m, *actor.scale, actor.start_s, actor.end_s, trajectory.start_walked_m]
+        numbers += [np.array(about), *_keys(trajectory)]
     for copy in state.static_copies:
         numbers += [*_box(copy.source), copy.world_from_target]
     for box in state.removed_boxes:
@@ -166,8 +167,8 @@ class _Numbers:
 
 def _actor(about: Any, numbers: _Numbers) -> Actor:
     uid, label, appearance, scene, mesh, is_moving, inserted, is_ego_body, keys = about
-    x = numbers.take(8)
-    trajectory = numbers.trajectory(keys)
+    x = numbers.take(9)
+    trajectory = replace(numbers.trajectory(keys), start_walked_m=float(x[8]))
     return Actor(
         str(uid), str(label), x[:3], trajectory, float(x[6]), float(x[7]), bool(is_moving),
         Appearance(str(appearance), str(scene), str(mesh)),

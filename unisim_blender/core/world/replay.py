@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import FloatArray, Trajectory, make_pose, slerp
+from .classes import motion_of
 from .drive import Actor, Box, Drive, StaticCopy
 
 
@@ -65,6 +66,8 @@ class WorldState:
             yield json.dumps(words).encode() + bytes(flags)
             yield np.array([*actor.size_m, *actor.scale, actor.start_s, actor.end_s]).tobytes()
             yield actor.world_from_actor.content()
+            if motion_of(actor.label) == "deforming":
+                yield np.float64(actor.world_from_actor.start_walked_m).tobytes()
         for copy in self.static_copies:
             yield copy.content()
         for box in self.removed_boxes:

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.actor_images.names import group_of
-from ...core.data import classes
 from ...core.geometry import BoolArray, FloatArray, matrix_from_quaternion, quaternion_from_matrix
 from ...core.scenario.motion.paths import is_path, shifted_along
 from ...core.simulation.footprints import directions, overlap
 from ...core.simulation.vehicle.parameters import Vehicle
+from ...core.world import classes
 from .kinematics import Limits, exceeded, motion_of
 
 HEADWAY_S = 1.5

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.actor_images.names import group_of
-from ...core.data.classes import motion_of
 from ...core.geometry import BoolArray, FloatArray, box_corners, invert_pose, transform_points
+from ...core.world.classes import motion_of
 from ...core.world.drive import Drive
 from ..sampled.clock import Clock, recorded_poses, recorded_there
 from ..sampled.scene import WHY, Sampled, SampledObject, Scaling, differs, scale_text

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.data.classes import motion_of
 from ...core.geometry import FloatArray
+from ...core.world.classes import motion_of
 from ...core.world.drive import Drive
 
 

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from analytic_scene import still
 from drive_frames import DriveFrames
+from driver_on_cpu import build_driver, loaded_driver
 from random_scene import CONFIGS, PASSES, TINY, edited, image_rays, saved
 from render.tracers.test_compiled_tracer import FEW, bits, close, needs_library, same_find, sweep_rays
 from whole_drive import bound_to
@@ -63,38 +64,20 @@ from unisim_blender.core.worker.about import about
 from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import Appearance, CameraModel, Drive, RollingShutter
 
-SOURCE = Path(__file__).parents[3] / "support" / "cuda_driver_on_cpu.cpp"
 SAMPLE = Path(__file__).parents[4] / "sample" / "scene"
 pytestmark = [needs_library, pytest.mark.skipif(shutil.which("g++") is None, reason="the driver is compiled by g++")]
 
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    library = tmp_path_factory.mktemp("driver") / "libcuda.so.1"
-    flags = ["-std=c++17", "-O2", "-shared", "-fPIC", "-fvisibility=hidden"]
-    subprocess.run(["g++", *flags, "-o", str(library), str(SOURCE)], check=True)
-    return library
+    return build_driver(tmp_path_factory.mktemp("driver"))
 
 
 @pytest.fixture
 def driver(built: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ctypes.CDLL]:
-    """A driver that finds a GPU; what a test allocates is freed at its end."""
-    caches = cuda_driver.driver, cuda_driver.opened_gpu
-    kernels = built.parent / "kernels.fatbin"
-    kernels.write_bytes(b"of another compiler")
-    monkeypatch.setattr(cuda_driver, "LIBRARY", str(built))
-    monkeypatch.setattr(cuda_driver, "KERNELS", kernels)
-    for cache in caches:
-        cache.cache_clear()
-    library = cuda_driver.driver()
-    assert library is not None
-    library.limit_memory.argtypes, library.memory_in_use.restype = [ctypes.c_size_t], ctypes.c_size_t
-    library.limit_memory(1 << 32)
-    device = cuda_driver.gpu(0)
-    yield library
-    device.trim()
-    for cache in caches:
-        cache.cache_clear()
+    """A driver that finds a GPU."""
+    with loaded_driver(built, monkeypatch) as library:
+        yield library
 
 
 def both(folder: Path, quality: str = "balanced", other: Path | None = None) -> tuple[GpuBackend, CompiledBackend]:

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import click
 
+from ...data.moved import Choice
 from ...errors import UnisimError
 from ...progress import Bar
-from ..options import PATH, out_option
+from ..options import PATH, out_option, posed, poses_option
 
 
 def _writers_help() -> str:
@@ -40,6 +41,7 @@ def _writers_help() -> str:
     metavar="ENTITY=ACTOR",
     help="With --from: the log's actor that an entity of the file is, or ego; may be given more than once.",
 )
+@poses_option("log")
 @out_option()
 @click.option("--quiet", is_flag=True, help="No progress bar.")
 def command(
@@ -48,6 +50,7 @@ def command(
     from_format: str | None,
     log: Path | None,
     mapped: tuple[str, ...],
+    poses: Choice,
     out: Path,
     quiet: bool,
 ) -> None:
@@ -66,7 +69,7 @@ def command(
         raise UnisimError("convert: --map needs --from")
     actors = _actors_of(mapped)
     if layout is not None and layout not in WRITERS:
-        _convert_log(source, layout, out, quiet)
+        _convert_log(source, layout, poses, out, quiet)
         return
     if layout is not None:
         done = write_scenario(source, layout, out)
@@ -90,7 +93,7 @@ def _actors_of(mapped: tuple[str, ...]) -> dict[str, str]:
     return actors
 
 
-def _convert_log(log: Path, layout: str, out: Path, quiet: bool) -> None:
+def _convert_log(log: Path, layout: str, poses: Choice, out: Path, quiet: bool) -> None:
     from ...convert import WRITERS, convert, open_source
     from ...data.values import doubts
     from ...formats.writers import WRITERS as LOG_WRITERS
@@ -99,7 +102,7 @@ def _convert_log(log: Path, layout: str, out: Path, quiet: bool) -> None:
     if layout not in LOG_WRITERS.with_plugins():
         raise UnisimError(f"--to {layout}: must be one of {', '.join((*LOG_WRITERS.with_plugins(), *WRITERS))}")
     writer = writer_named(layout)
-    source = open_source(log)
+    source = open_source(log, (lambda recorded: posed(recorded, poses, quiet)) if poses != "log" else None)
     for sentence in doubts(source.log):
         click.echo(f"Warning: {sentence}", err=True)
     with Bar(unit="capture", dynamic_ncols=True, smoothing=0.1, delay=0.5, disable=quiet) as bar:

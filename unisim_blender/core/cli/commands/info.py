@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ...data.classes import motion_of
 from ...data.log import Log, extras_of
 from ...data.values import doubts
-from ...errors import UnisimError, short
+from ...errors import LogError, UnisimError, short
 from ...json_file import read_json
+from ...world.classes import motion_of
 from ...world.drive import Camera, Drive, Lidar
 from ..options import PATH
 
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 def command(path: Path, as_json: bool) -> None:
     """Tell what PATH holds: a log, a trained scene (a folder), or a scenario (a JSON file)."""
     about = describe(path)
+    if about["kind"] == "log":
+        _add_agreement(path, about)
     click.echo(json.dumps(about, indent=2, ensure_ascii=False) if as_json else "\n".join(lines_of(about)))
 
 
@@ -67,6 +69,21 @@ def describe_log(log: Log) -> dict[str, Any]:
     own = extras_of(log).classes
     motion = {label: motion_of(label, own) for label in about["actors"]}
     return about | {"motion": motion, "missing": list(log.missing), "doubts": doubts(log)}
+
+
+def _add_agreement(path: Path, about: dict[str, Any]) -> None:
+    """Add how well the sweeps of the log at ``path`` agree under its poses, and a doubt where they drift."""
+    from ...formats.readers import open_log
+    from ...poses.posed import measured
+
+    try:
+        report = measured(open_log(path))
+    except LogError as fault:
+        about["doubts"] = list(dict.fromkeys([*about["doubts"], str(fault)]))
+        return
+    about["poses"] = {"lidar": report.lidar, "lags": [asdict(row) for row in report.lags]}
+    about["agreement"] = report.words if report.lidar else ""
+    about["doubts"] += [f"{about['path']}: {report.doubt}"] if report.doubt else []
 
 
 def describe_scene(header: SceneHeader) -> dict[str, Any]:
@@ -161,6 +178,7 @@ def lines_of(about: dict[str, Any]) -> list[str]:
         lines.append(f"  trained on: {about['trained_on']['log']} ({about['trained_on']['path']})")
         lines += [f"  {key}: {value}" for key, value in about["training"].items()]
         lines.append(f"  weights: {about['weights_mb']} MB")
+    lines += [f"  poses: {about['agreement']}"] if about.get("agreement") else []
     lines.append("  missing:" if about["missing"] else "  missing: nothing")
     lines += [f"    {sentence}" for sentence in about["missing"]]
     if about.get("doubts"):

@@ -7,10 +7,11 @@ from typing import get_args
 
 import click
 
+from ...data.moved import Choice
 from ...errors import UnisimError
 from ...presets import PRESETS, SignedDistance
 from ...training.config import ABLATIONS, GPU_RAYS, RAYS
-from ..options import PATH
+from ..options import PATH, posed, poses_option
 
 
 @click.command()
@@ -43,6 +44,7 @@ from ..options import PATH
     "--cameras", help="Cameras, separated by commas, or all. [default: front_camera, or else the one that looks ahead]"
 )
 @click.option("--lidars", help="LiDARs, separated by commas, or all. [default: those with a beam table]")
+@poses_option("auto")
 @click.option("--frames", default="::2", show_default=True, help="START:STOP:STEP.")
 @click.option("--width", type=click.IntRange(min=16), help="Width of the images in pixels [default: as recorded].")
 @click.option("--minutes", type=float, help="Train this long.")
@@ -68,7 +70,8 @@ from ..options import PATH
 @click.option("--quiet", is_flag=True, help="No progress bar.")
 def command(  # noqa: PLR0913
     log: Path, out: Path, preset: str, without: str | None, density: SignedDistance | None,
-    disturb: tuple[float, float] | None, cameras: str | None, lidars: str | None, frames: str, width: int | None,
+    disturb: tuple[float, float] | None, cameras: str | None, lidars: str | None, poses: Choice, frames: str,
+    width: int | None,
     minutes: float | None, iterations: int | None, device: str, rays: int | None, seed: int, vgg: str | None,
     adversarial: bool, resume: bool, preview: float | None, quiet: bool,
 ) -> None:  # fmt: skip
@@ -106,6 +109,7 @@ def command(  # noqa: PLR0913
     check_names("--cameras", names, available)
     for sentence in doubts(recorded, names, chosen):
         click.echo(sentence, err=True)
+    recorded = posed(recorded, poses, quiet)
     picked = pick_device(device, trains=True)
     patches, lidar_rays = ray_counts(picked, rays)
     config = TrainConfig(

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...data.classes import motion_of
 from ...errors import LogError
 from ...geometry import (
     FloatArray,
@@ -25,6 +24,7 @@ from ...geometry import (
     points_in_box,
     quaternion_from_matrix,
 )
+from ...world.classes import motion_of
 from ...world.drive import Actor, Appearance, Drive, Lidar
 
 ROUNDS = 3

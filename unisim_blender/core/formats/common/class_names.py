@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ...data import classes
+from ...world import classes
 from ...world.drive import Drive
 
 _KINDS: dict[str, tuple[str, ...]] = {

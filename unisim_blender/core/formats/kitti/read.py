@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...data.classes import KITTI
 from ...data.image_files import image_header
 from ...data.log import Sweep, SweepGrid
 from ...data.sweep_cells import make_grid
@@ -16,6 +15,7 @@ from ...data.values import Intensities, spread
 from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, TrajectoryError, invert_pose, make_pose
 from ...sensors.lidar import column_azimuths
+from ...world.classes import KITTI
 from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
 from ..common.box_tracks import TrackedBoxes, actors_of_boxes
 from ..common.file_log import FileLog, absent_frames

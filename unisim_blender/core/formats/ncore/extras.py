@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from ...data.classes import Motion
 from ...errors import LogError
 from ...json_file import MAX_INTEGER, Node
 from ...lenses.lens import LensError
+from ...world.classes import Motion
 from ...world.drive import CameraModel, LidarModel, Readouts, RollingShutter, SpinPhase
 from ...world.drive_json import arrays_to_json, read_phase, read_readouts, read_shutter
 

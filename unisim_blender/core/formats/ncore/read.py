@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...data.classes import TABLES, Motion, motion_of
 from ...data.log import Sweep
 from ...data.values import Intensities, spread
 from ...errors import LogError, in_a_line
 from ...geometry import FloatArray, Trajectory
+from ...world.classes import TABLES, Motion, motion_of
 from ...world.drive import Actor, Camera, Drive, Lidar, LidarModel
 from ...world.own_rates import number_captures
 from ..common.file_log import FileLog, cached_image

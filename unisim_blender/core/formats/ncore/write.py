@@ -22,7 +22,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...data.classes import Motion, motion_of
 from ...data.images import SIGNATURES, encoded_image
 from ...data.log import Log, Sweep
 from ...data.sweep_cells import with_drops
@@ -31,6 +30,7 @@ from ...files import PARTIAL_SUFFIX, write_file
 from ...geometry import Trajectory
 from ...sensors.frames import LidarFrame
 from ...world.captures import microseconds
+from ...world.classes import Motion, motion_of
 from ...world.drive import FRAME_MARGIN_S, Camera, Drive, Lidar
 from ..common.image_bytes import check_size, encoded_for
 from . import cameras, extras

@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...data.classes import NUSCENES
 from ...data.log import Drops, Sweep
 from ...data.values import Intensities, spread
 from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, TrajectoryError
 from ...sensors import lidar as stated
+from ...world.classes import NUSCENES
 from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
 from ...world.own_rates import number_captures
 from ..common.box_tracks import TrackedBoxes, actors_of_boxes, passing_times

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from ...data.classes import Motion, motion_of
 from ...files import write_file
 from ...geometry import FloatArray, Trajectory
+from ...world.classes import Motion, motion_of
 from ...world.drive import EGO, Actor, Drive
 from .paths import EgoVehicle, box_centre, ego_centre, place_of, shifted
 

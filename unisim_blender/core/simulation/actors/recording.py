@@ -131,7 +131,7 @@ class Recording:
     ) -> Recording:
         """Return what models may know of a drive.
 
-        ``motion_of`` tells how a class moves (`data.classes.motion_of`); ``ego_box_ahead_m``: how far the middle of the ego
+        ``motion_of`` tells how a class moves (`world.classes.motion_of`); ``ego_box_ahead_m``: how far the middle of the ego
         vehicle's box lies ahead of the origin of its pose.
         """
         mount = np.eye(4)

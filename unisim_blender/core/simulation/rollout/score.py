@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ...data.classes import motion_of
 from ...geometry import BoolArray, FloatArray
 from ...render.tracer import NEAR_M
 from ...sensors.rays import Rays
 from ...world.captures import US_PER_SECOND
+from ...world.classes import motion_of
 from ..scores.off_road import Occupied, RoadTest, in_corridor
 from ..scores.record import PlanRecord, Record
 from ..scores.summary import summarise

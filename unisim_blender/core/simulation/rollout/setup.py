@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ...data.classes import Motion
 from ...data.log import Log, extras_of
 from ...data.road import RoadCells, road_cells
 from ...errors import OutputError, refused
@@ -27,6 +26,7 @@ from ...scenario.types import FRAME_FORMATS, Outputs, Scenario
 from ...scenes.scene import OpenScenes
 from ...sequence.plan import RenderPlan
 from ...world.captures import US_PER_SECOND
+from ...world.classes import Motion
 from ...world.drive import Drive
 from ...world.polyline import spaced
 from ..drivers.driver import DriverKind, DriverSetup, EgoMotion, SensorSetup

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ...data.classes import Motion, motion_of
 from ...errors import ScenarioError
 from ...geometry import FloatArray, Trajectory
 from ...render.captures import CaptureStates
@@ -24,6 +23,7 @@ from ...scenario.time_range import Outside
 from ...scenario.times import ego_outside, recording_us
 from ...scenario.types import Outputs, Scenario
 from ...world.captures import US_PER_SECOND, microseconds
+from ...world.classes import Motion, motion_of
 from ...world.drive import Drive
 from ..actors.model import ActorModel, model_from_dict
 from ..actors.models.auto import Auto

@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ...data.classes import Motion, motion_of
 from ...errors import UnisimError
 from ...geometry import BoolArray, FloatArray, Trajectory
+from ...world.classes import Motion, motion_of
 from ...world.drive import EGO
 from ..footprints import radii
 from ..states import EgoState, Footprint
@@ -75,7 +75,7 @@ class Record:
     pixels shown to the driver that nobody recorded; None where it was shown none. ``recorded_paths``: paths (K, 2) of
     the log's vehicles, the ego's apart. ``ego_poses`` (T, 4, 4): world from the ground beneath the middle of the rear
     axle, x forward, y left, z away from the ground. ``classes``: how actors of the log's own classes move (see
-    `data.classes`).
+    `world.classes`).
 
     Raises `RecordError` in one sentence that names the step and the value.
     """

@@ -13,12 +13,12 @@ Motion = Literal["rigid", "deforming", "still"]
 
 PANDASET: dict[str, Motion] = {
     **dict.fromkeys(
-        ("Car", "Pickup Truck", "Medium-sized Truck", "Semi-truck", "Towed Object", "Motorcycle", "Bicycle", "Bus", "Train",
+        ("Car", "Pickup Truck", "Medium-sized Truck", "Semi-truck", "Towed Object", "Motorcycle", "Bus", "Train",
          "Trolley", "Tram / Subway", "Other Vehicle - Construction Vehicle", "Other Vehicle - Uncommon",
          "Other Vehicle - Pedicab", "Emergency Vehicle", "Personal Mobility Device", "Motorized Scooter",
          "Rolling Containers"), "rigid",
     ),
-    **dict.fromkeys(("Pedestrian", "Pedestrian with Object", "Animals - Bird", "Animals - Other"), "deforming"),
+    **dict.fromkeys(("Pedestrian", "Pedestrian with Object", "Bicycle", "Animals - Bird", "Animals - Other"), "deforming"),
     **dict.fromkeys(
         ("Pylons", "Road Barriers", "Signs", "Cones", "Construction Signs", "Temporary Construction Barriers"), "still"
     ),

@@ -1,1 +1,0 @@
-"""Triton's kernels, a module for each operation that has some; `dispatch` imports them where Triton runs."""

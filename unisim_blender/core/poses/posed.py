@@ -1,0 +1,191 @@
+"""The trajectory that a log is used with: its own poses, or refined ones, which are cached among the user's files."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..data.log import REFINED, Log, extras_of
+from ..data.moved import Choice, on_trajectory
+from ..errors import LogError, OutputError
+from ..files import cache_folder, file_stamp, write_file
+from ..geometry import Trajectory, invert_pose
+from ..json_file import Node, json_bytes, read_json
+from ..world.drive_json import drive_to_json
+from .agreement import LagAgreement, agreement
+from .refine import Refined, corrected, refine
+from .sweeps import planes_of, reference_lidar, standing
+
+VERSION = 1
+"""Counted on whenever what is measured or refined changes: what an older program cached is made anew."""
+WORSE_M = 0.01
+"""Refined poses are not used where sweeps agree by this much less at any lag."""
+
+
+@dataclass(frozen=True)
+class PosesReport:
+    """What sweeps tell of a log's poses. ``lidar``: whose sweeps; "" without two sweeps."""
+
+    lidar: str
+    lags: tuple[LagAgreement, ...] = ()
+
+    @property
+    def doubt(self) -> str:
+        """A sentence where poses drift; "" where they do not."""
+        doubtful = [row for row in self.lags if row.is_doubtful]
+        if not doubtful:
+            return ""
+        row = max(doubtful, key=lambda row: row.apart_m - row.plausible_m)
+        return (
+            f"the poses drift: {self.lidar}'s returns lie {row.apart_m * 100:.0f} cm (median) from the nearest one of the "
+            f"sweep {row.lag} frames later, and {row.plausible_m * 100:.0f} cm where the two sweeps are registered, "
+            f"which moves them by {row.moved_m:.2f} m"
+        )
+
+    @property
+    def words(self) -> str:
+        """The agreement in words: "velodyne's sweeps agree to 5, 7 cm over 2, 10 frames"."""
+        rows = [(f"{row.apart_m * 100:.0f}", f"{row.plausible_m * 100:.0f}", str(row.lag)) for row in self.lags]
+        if not rows:
+            return "nothing tells how well the poses fit: there are no two sweeps some frames apart"
+        apart, plausible, lags = (", ".join(column) for column in zip(*rows, strict=True))
+        return (
+            f"{self.lidar}'s sweeps agree to {apart} cm over {lags} frames; {plausible} cm where pairs are registered"
+        )
+
+
+def measured(log: Log) -> PosesReport:
+    """Return how well a log's sweeps agree under its poses; from the cache where the log was measured before.
+
+    Raises `LogError` where scipy is not installed, or a sweep cannot be read.
+    """
+    lidar = reference_lidar(log)
+    if lidar is None:
+        return PosesReport("")
+    cached = _cached(log, "agreement")
+    try:
+        rows = Node(read_json(cached, LogError), f"{cached}: ", LogError).elements() if cached.is_file() else None
+        if rows is not None:
+            return PosesReport(lidar, tuple(_row(row) for row in rows))
+    except LogError:
+        pass  # a broken one is made anew
+    lags = agreement(log.sweep_frames(lidar), lambda frame: standing(log, lidar, frame), _track(log, lidar))
+    _store(cached, [asdict(row) for row in lags])
+    return PosesReport(lidar, lags)
+
+
+def _row(node: Node) -> LagAgreement:
+    values = (node.key(name).number() for name in ("apart_m", "plausible_m", "moved_m"))
+    return LagAgreement(node.key("lag").integer(), *values)
+
+
+@dataclass(frozen=True)
+class PosedLog:
+    """A log with the poses that were chosen, and sentences on them."""
+
+    log: Log
+    sentences: tuple[str, ...]
+
+
+def posed_log(log: Log, choice: Choice, progress: Callable[[float], object] = lambda share: None) -> PosedLog:
+    """Return a log with its own or refined poses. "auto": refined ones where the log's drift.
+
+    ``progress`` is called with fractions from 0 to 1. Raises `LogError`: where "refined" is impossible, and what a
+    sweep's file raises.
+    """
+    try:
+        before = measured(log)
+    except LogError as fault:
+        if choice == "refined":
+            raise
+        return PosedLog(log, (f"how well the poses fit is not measured: {fault}",))
+    said = [f"{log.path}: {before.doubt or before.words}"] if before.lidar else []
+    if choice == "log" or (choice == "auto" and not before.doubt):
+        return PosedLog(log, (*said, *(["--poses refined corrects them"] if before.doubt else [])))
+    if not before.lidar:
+        raise LogError(f"{log.path}: has no two sweeps of a LiDAR to refine poses by")
+    result = _refined(log, before.lidar, progress)
+    other = on_trajectory(log, ego_trajectory(log, before.lidar, result.correction), REFINED)
+    after = measured(other)
+    worse = [
+        f"{new.lag} frames: {new.apart_m * 100:.0f} cm, {old.apart_m * 100:.0f} cm before"
+        for new, old in zip(after.lags, before.lags, strict=True)
+        if not new.apart_m <= old.apart_m + WORSE_M
+    ]
+    if worse:
+        said.append(f"refined poses are not used: sweeps agree less ({'; '.join(worse)})")
+        return PosedLog(log, tuple(said))
+    said.append(
+        f"poses are refined: {after.words}; certain to {np.median(result.std_m) * 100:.1f} cm and "
+        f"{np.degrees(np.median(result.std_rad)):.2f} degrees (median)"
+    )
+    return PosedLog(other, tuple(said))
+
+
+def ego_trajectory(log: Log, lidar: str, correction: Trajectory) -> Trajectory:
+    """Return the ego's trajectory where its LiDAR's is `corrected`."""
+    recorded, ego = _track(log, lidar), log.drive.world_from_ego
+    track = corrected(recorded, correction)
+    times = np.union1d(ego.times_s, correction.times_s)
+    return Trajectory.from_poses(times, track.at(times) @ invert_pose(recorded.at(times)) @ ego.at(times))
+
+
+def _track(log: Log, lidar: str) -> Trajectory:
+    return log.drive.lidars[lidar].world_from_lidar
+
+
+def _refined(log: Log, lidar: str, progress: Callable[[float], object]) -> Refined:
+    cached = _cached(log, "refined")
+    if cached.is_file():
+        try:
+            return _from_json(Node(read_json(cached, LogError), f"{cached}: ", LogError))
+        except LogError:
+            pass  # a broken one is made anew
+    frames, recorded = log.sweep_frames(lidar), _track(log, lidar)
+    planes = []
+    for number, frame in enumerate(frames):
+        planes.append(planes_of(*standing(log, lidar, frame), recorded))
+        progress(0.5 * (number + 1) / len(frames))
+    planes = [sweep for sweep in planes if len(sweep.points)]
+    if len(planes) < 2:
+        raise LogError(f"{log.path}: {len(planes)} of {len(frames)} sweeps of {lidar} show planes; poses need two")
+    result = refine(planes, recorded, lambda share: progress(0.5 + share / 2))
+    correction = result.correction
+    _store(
+        cached,
+        {
+            "times_s": correction.times_s.tolist(),
+            "shift_m": correction.positions.tolist(),
+            "turn_wxyz": correction.quaternions_wxyz.tolist(),
+            "std_m": result.std_m.tolist(),
+            "std_rad": result.std_rad.tolist(),
+        },
+    )
+    return result
+
+
+def _from_json(node: Node) -> Refined:
+    times = node.key("times_s").array(-1)
+    keys = Trajectory(times, node.key("shift_m").array(len(times), 3), node.key("turn_wxyz").array(len(times), 4))
+    return Refined(keys, node.key("std_m").array(len(times)), node.key("std_rad").array(len(times)))
+
+
+def _cached(log: Log, what: str) -> Path:
+    """Return the cached file of a log, named by its poses, boxes and files' stamps."""
+    files = extras_of(log).files or (sorted(log.path.rglob("*")) if log.path.is_dir() else [log.path])
+    digest = hashlib.sha256(json_bytes(drive_to_json(log.drive)))
+    for file in files if log.path.exists() else ():
+        digest.update(f"{file}{file_stamp(file)}".encode())
+    return cache_folder() / "poses" / f"{digest.hexdigest()[:32]}-{what}-{VERSION}.json"
+
+
+def _store(path: Path, value: object) -> None:
+    try:
+        write_file(path, (json.dumps(value) + "\n").encode())
+    except OutputError:
+        pass  # a cache that cannot be written costs time and nothing else
