@@ -32,8 +32,11 @@ sys.path[:] = [str(ROOT), *(path for path in sys.path if path != str(ROOT / "ben
 
 from benchmarks.gpu_stages.settings import Settings, write_json  # noqa: E402
 
-SHARES = {"machine": 20, "native": 60, "street": 120, "kernels": 70, "train": 40, "times": 80, "profile": 60}
-"""Seconds that a stage may take where the budget is `FULL_S`; a training may take what it trains for besides."""
+SHARES = {
+    "machine": 20, "native": 60, "street": 120, "kernels": 150, "train": 40, "tracer": 40, "times": 60, "profile": 40,
+}  # fmt: skip
+"""Seconds that a stage may take where the budget is `FULL_S`; a training may take what it trains for besides,
+and the kernels a minute in which NVRTC compiles them."""
 FULL_S = 600.0
 SPARE_S = 15.0
 """Of a full budget, for what lies between stages: a command that is ended from outside leaves less."""
@@ -122,6 +125,8 @@ def summary(name: str, found: dict[str, Any]) -> str:
     elif kind == "train" and "steps" in found:
         said = f"{found['steps']} steps, {found.get('steps_per_s', 0):.1f} a second, loss {found['last']['loss']:.3f}, "
         said += f"held out {found.get('psnr_db')} dB"
+    elif kind == "tracer" and "images" in found:
+        said = ", ".join(f"{width} wide {of['ms']:.1f} ms" for width, of in found["images"].items())
     elif kind == "times" and "times" in found:
         said = "; ".join(
             f"{what} " + ", ".join(f"{name} {of[name]['ms']:.0f} ms" for name in ("kernels", "torch") if name in of)
@@ -145,7 +150,7 @@ def run_all(run: Run, presets: tuple[str, ...]) -> None:
     run.stage("kernels")
     made = run.finish("street", street)
     trained = [preset for preset in presets if made and run.stage(f"train-{preset}")]
-    for kind in ("times", "profile"):
+    for kind in ("tracer", "times", "profile"):
         for preset in trained:
             run.stage(f"{kind}-{preset}")
 
@@ -173,7 +178,7 @@ def size_of(_context: Any, _option: Any, value: str) -> tuple[int, int]:
 @click.option(
     "--frames", type=click.IntRange(4), default=8, show_default=True, help="Of the street; even ones are learnt from."
 )
-@click.option("--presets", default="small,paper", show_default=True, help="What is trained.")
+@click.option("--presets", default="small,hd-gpu", show_default=True, help="What is trained.")
 @click.option("--samples", default=200_000, show_default=True, help="Of each comparison of a kernel.")
 @click.option("--rounds", default=5, show_default=True, help="Of each time, at most.")
 def main(

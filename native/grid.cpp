@@ -93,12 +93,18 @@ void encode_backward_table(const unisim_grid &g, const float *x, const int32_t *
             for (int64_t first = 0; first < n; first += BLOCK) {
                 const int count = static_cast<int>(std::min<int64_t>(BLOCK, n - first));
                 find_corners(g, level, x + first * 3, count, c);
+                // points whose gradient is zero, which are many behind surfaces, add nothing
+                bool adds[BLOCK];
                 for (int s = 0; s < count; ++s) {
+                    const float *go = grad_out + (first + s) * width + level * F;
+                    adds[s] = !std::all_of(go, go + F, [](float v) { return v == 0.0f; });
+                    if (!adds[s]) continue;
                     const float *base = grad_table + first_row<F>(g, grid, first + s, level);
                     for (int corner = 0; corner < 8; ++corner)
                         __builtin_prefetch(base + static_cast<int64_t>(c.row[corner][s]) * F, 1);
                 }
                 for (int s = 0; s < count; ++s) {
+                    if (!adds[s]) continue;
                     const float *go = grad_out + (first + s) * width + level * F;
                     float *base = grad_table + first_row<F>(g, grid, first + s, level);
                     for (int corner = 0; corner < 8; ++corner) {

@@ -60,9 +60,10 @@ std::vector<float> pack(const float *w, int rows, int columns, bool transposed) 
     return out;
 }
 
-void hidden_layer(const unisim_mlp &net, const float *x, int count, const float *w1_transposed, float *hidden) {
+void hidden_layer(const unisim_mlp &net, const float *x, int row, int count, const float *w1_transposed,
+                  float *hidden) {
     const int wide = padded(net.hidden);
-    multiply(count, wide, net.inputs, x, net.inputs, 1, w1_transposed, hidden, false);
+    multiply(count, wide, net.inputs, x, row, 1, w1_transposed, hidden, false);
     for (int64_t i = 0; i < static_cast<int64_t>(count) * wide; ++i) hidden[i] = hidden[i] > 0.0f ? hidden[i] : 0.0f;
 }
 
@@ -77,7 +78,7 @@ extern "C" int UNISIM_NAME(unisim_mlp_forward)(const unisim_mlp *net, const floa
         std::vector<float> h(static_cast<size_t>(TILE) * wide), o(static_cast<size_t>(TILE) * wide_out);
         for (int64_t first = begin; first < end; first += TILE) {
             const int count = static_cast<int>(std::min<int64_t>(TILE, end - first));
-            hidden_layer(*net, x + first * inputs, count, w1.data(), h.data());
+            hidden_layer(*net, x + first * inputs, inputs, count, w1.data(), h.data());
             if (outputs == 1) {
                 for (int s = 0; s < count; ++s) {
                     float lane[LANES];
@@ -117,27 +118,36 @@ extern "C" int UNISIM_NAME(unisim_mlp_backward)(const unisim_mlp *net, const flo
     std::vector<float> sums(learn ? size * static_cast<size_t>((n + CHUNK - 1) / CHUNK) : 0, 0.0f);
     parallel_blocks(n, CHUNK, threads, [&](int64_t begin, int64_t end) {
         std::vector<float> in(static_cast<size_t>(TILE) * wide_in, 0.0f), g_in(in.size());
-        std::vector<float> h(static_cast<size_t>(TILE) * wide), g_h(h.size());
+        std::vector<float> h(static_cast<size_t>(TILE) * wide), g_h(h.size()), g(static_cast<size_t>(TILE) * outputs);
         float *sum_w1 = learn ? &sums[size * static_cast<size_t>(begin / CHUNK)] : nullptr;
         float *sum_w2 = learn ? sum_w1 + static_cast<size_t>(hidden) * wide_in : nullptr;
         float *sum_bias = learn ? sum_w2 + static_cast<size_t>(outputs) * wide : nullptr;
         for (int64_t first = begin; first < end; first += TILE) {
-            const int count = static_cast<int>(std::min<int64_t>(TILE, end - first));
-            const float *g = grad_out + first * outputs;
-            hidden_layer(*net, x + first * inputs, count, w1_transposed.data(), h.data());
-            multiply(count, wide, outputs, g, outputs, 1, w2.data(), g_h.data(), false);
+            // points whose gradient is zero, which are many behind surfaces, are left out: they add nothing to any sum
+            int64_t points[TILE];
+            int count = 0;
+            for (int64_t s = first; s < std::min(first + TILE, end); ++s) {
+                const float *row = grad_out + s * outputs;
+                if (std::all_of(row, row + outputs, [](float v) { return v == 0.0f; })) {
+                    std::memset(grad_x + s * inputs, 0, sizeof(float) * inputs);
+                    continue;
+                }
+                std::memcpy(&g[static_cast<size_t>(count) * outputs], row, sizeof(float) * outputs);
+                std::memcpy(&in[static_cast<size_t>(count) * wide_in], x + s * inputs, sizeof(float) * inputs);
+                points[count++] = s;
+            }
+            hidden_layer(*net, in.data(), wide_in, count, w1_transposed.data(), h.data());
+            multiply(count, wide, outputs, g.data(), outputs, 1, w2.data(), g_h.data(), false);
             for (size_t i = 0; i < static_cast<size_t>(count) * wide; ++i) g_h[i] = h[i] > 0.0f ? g_h[i] : 0.0f;
             multiply(count, wide_in, hidden, g_h.data(), wide, 1, w1.data(), g_in.data(), false);
             for (int s = 0; s < count; ++s)
-                std::memcpy(grad_x + (first + s) * inputs, &g_in[static_cast<size_t>(s) * wide_in],
+                std::memcpy(grad_x + points[s] * inputs, &g_in[static_cast<size_t>(s) * wide_in],
                             sizeof(float) * inputs);
             if (!learn) continue;
-            for (int s = 0; s < count; ++s) {
-                std::memcpy(&in[static_cast<size_t>(s) * wide_in], x + (first + s) * inputs, sizeof(float) * inputs);
-                for (int j = 0; j < outputs; ++j) sum_bias[j] += g[s * outputs + j];
-            }
+            for (int s = 0; s < count; ++s)
+                for (int j = 0; j < outputs; ++j) sum_bias[j] += g[static_cast<size_t>(s) * outputs + j];
             multiply(hidden, wide_in, count, g_h.data(), 1, wide, in.data(), sum_w1, true);
-            multiply(outputs, wide, count, g, 1, outputs, h.data(), sum_w2, true);
+            multiply(outputs, wide, count, g.data(), 1, outputs, h.data(), sum_w2, true);
         }
     });
     for (size_t first = 0; first < sums.size(); first += size) {

@@ -6,6 +6,6 @@ street.py    a street's log
 kernels.py   the kernels of training beside torch: how values and gradients are held against each other
 cases.py     what each kernel is given
 scenes.py    trainings
-times.py     images, sweeps and steps by CUDA's events, with and without kernels
+times.py     images and sweeps of the tracer without torch; by torch, and steps, by CUDA's events, with and without kernels
 profiles.py  what steps and an image spend their time on
 """

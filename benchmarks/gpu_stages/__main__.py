@@ -15,6 +15,7 @@ STAGES = {
     "street": ("street", "make_street"),
     "kernels": ("kernels", "compare_kernels"),
     "train": ("scenes", "train_scene"),
+    "tracer": ("times", "time_tracer"),
     "times": ("times", "time_scene"),
     "profile": ("profiles", "profile_scene"),
 }

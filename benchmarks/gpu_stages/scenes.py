@@ -11,6 +11,7 @@ from unittest.mock import patch
 import numpy as np
 
 from unisim_blender.core.data.log import Log
+from unisim_blender.core.presets import PRESETS
 from unisim_blender.core.training.config import TrainConfig, ray_counts
 
 from .settings import CAMERA, Findings, Settings
@@ -45,7 +46,7 @@ def beam_lidars(log: Log) -> tuple[str, ...]:
 
 def config_of(log: Log, preset: str, settings: Settings, **values: Any) -> TrainConfig:
     """Return how the street is trained on: even frames, images at full size."""
-    patches, lidar_rays = ray_counts(settings.device)
+    patches, lidar_rays = ray_counts(settings.device, PRESETS[preset].rays if settings.device != "cpu" else None)
     return TrainConfig(
         (CAMERA,), beam_lidars(log), tuple(log.drive.frames)[::2], preset=preset, device=settings.device,
         patches=patches, lidar_rays=lidar_rays, **values,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import statistics
 import time
 import traceback
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
@@ -21,8 +22,11 @@ from unisim_blender.core.render.captures import render_image, render_sweep, stat
 from unisim_blender.core.render.quality import QUALITIES
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
+from unisim_blender.core.scenes.recipe import load_backend
+from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.sensors.frames import CameraFrame
-from unisim_blender.core.training.on_device import make_trainer
+from unisim_blender.core.training.on_device import READ_EVERY, make_trainer
+from unisim_blender.core.training.trainer import Trainer
 from unisim_blender.core.world.captures import Capture
 
 from .kernels import READY
@@ -95,6 +99,60 @@ def interleaved(device: str, work: Callable[[], object], rounds: int, until: flo
     return found
 
 
+WIDTHS = (1280, 1920)
+"""Of the images that the tracer without torch is timed by."""
+IMAGES = 20
+
+
+def time_tracer(settings: Settings, found: Findings, preset: str) -> None:
+    """Note the times, copies included, of images and sweeps by the tracer of `unisim render`, without torch, and how far
+    its image is from torch's; raise where that is too far."""
+    log, frame = opened(settings), held_out(opened(settings))
+    opened_scene = open_scene(scene_of(settings, preset))
+    renderer = Renderer(load_backend(opened_scene, device=settings.device))
+    states = states_of(renderer, opened_scene.header.drive)
+    image, sweep = (
+        Capture.of_frame(sensor, frame) for sensor in (states.camera(CAMERA), states.lidar(beam_lidars(log)[0]))
+    )
+    found.note(backend=type(renderer.backend).__name__)
+
+    def timed(work: Callable[[], object]) -> dict[str, float]:
+        work()
+        times: list[float] = []
+        while len(times) < IMAGES and (not times or found.left_s() > 5):
+            begun = time.perf_counter()
+            work()
+            times.append(1000 * (time.perf_counter() - begun))
+        return {"ms": statistics.median(times), "least_ms": min(times), "rounds": len(times)}
+
+    images: dict[int, Any] = {}
+    for width in WIDTHS:
+        images[width] = timed(partial(render_image, renderer, states, image, width=width))
+        found.note(images=images)
+    found.note(sweep=timed(partial(render_sweep, renderer, states, sweep)))
+    by_torch = Renderer(TorchBackend(load_scene(scene_of(settings, preset), settings.device)))
+    wanted = render_image(by_torch, states_of(by_torch, opened_scene.header.drive), image)
+    difference = np.abs(render_image(renderer, states, image).rgb - wanted.rgb)
+    found.note(beside_torch={"mean": float(difference.mean()), "max": float(difference.max()), "bound": IMAGES_APART})
+    if not difference.mean() <= IMAGES_APART:
+        raise ValueError("the tracer's image is not torch's")
+
+
+def waits_of(trainer: Trainer) -> list[str]:
+    """Return the warnings of CUDA about steps, between two readings of the loss, that wait for the GPU."""
+    for _ in range(2 * READ_EVERY):
+        trainer.step()
+    try:
+        torch.cuda.set_sync_debug_mode("warn")
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            for _ in range(1, READ_EVERY):
+                trainer.step()
+    finally:
+        torch.cuda.set_sync_debug_mode("default")
+    return [str(warning.message) for warning in caught]
+
+
 def time_scene(settings: Settings, found: Findings, preset: str) -> None:
     """Note the times of images of each quality, of sweeps and of training steps; each fails for itself."""
     log = opened(settings)
@@ -114,6 +172,8 @@ def time_scene(settings: Settings, found: Findings, preset: str) -> None:
     def steps() -> Callable[[], object]:
         on = {"perceptual_from": 0.0, "poses_from": 0.0, "unobserved_from": 0.0, "settled_from": 0.0, "prune_from": 0}
         trainer = make_trainer(log, config_of(log, preset, settings, iterations=10_000, **on))
+        if device.startswith("cuda"):
+            found.note(waits=waits_of(trainer))
         return lambda: [trainer.step() for _ in range(STEPS)]
 
     work: list[tuple[str, Callable[[], Callable[[], object]], int]] = [("step", steps, STEPS)]

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import math
-import os
 from bisect import bisect_right
-from pathlib import Path
 
-from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.simulation.drivers.driver import CameraImage, DriverSetup, EgoMotion, LidarSweep, Observation
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.simulation.vehicle.actions import Plan
@@ -20,8 +17,6 @@ from .route import Route
 from .sensing import Detectors, Sensing
 from .tracker import Tracker, predicted
 
-WEIGHTS = "PERCEPTION_WEIGHTS"
-"""The environment's variable that names the folder of the trained detectors."""
 LEAST_M_S = 3.0
 """A vehicle that starts slower wants to go this fast."""
 
@@ -96,7 +91,4 @@ def _moved(state: EgoState, x_m: float, y_m: float, turned_rad: float) -> EgoSta
 
 def perception(setup: DriverSetup) -> Perception:
     """Return the driver, with the detectors of the folder that ``PERCEPTION_WEIGHTS`` names. Raises `UnisimError`."""
-    folder = os.environ.get(WEIGHTS)
-    if not folder:
-        raise UnisimError(f"{WEIGHTS}: must name the folder of the detectors that examples.perception.train wrote")
-    return Perception(setup, Detectors.load(Path(folder)))
+    return Perception(setup, Detectors.from_environment())

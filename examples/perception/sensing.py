@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from benchmarks.detection.samples import IMAGE_WIDTH, near_points, resized, unlabelled
-from benchmarks.detection.testing import detect_in
+from benchmarks.detection.samples import IMAGE_WIDTH, VEHICLES, near_points, resized, unlabelled
+from benchmarks.detection.testing import CLASS, detect_in
 from benchmarks.detection.training import Trained, load_detector
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.geometry import FloatArray, transform_points
@@ -19,6 +21,8 @@ from unisim_blender.core.world.drive import CameraModel, LidarModel
 from .from_image import from_image, not_hidden
 from .objects import Detection
 
+WEIGHTS = "PERCEPTION_WEIGHTS"
+"""The environment's variable that names the folder of the trained detectors."""
 LIDAR_M = 0.3
 """Standard deviation of the place of a vehicle found in a sweep."""
 LEAST_SCORE, LEAST_IMAGE_SCORE = 0.2, 0.4
@@ -38,6 +42,43 @@ class Detectors:
     def load(folder: Path) -> Detectors:
         """Return those below a folder that `examples.perception.train` wrote. Raises `UnisimError`."""
         return Detectors(load_detector(folder / "lidar"), load_detector(folder / "camera"))
+
+    @staticmethod
+    def from_environment() -> Detectors:
+        """Return those of the folder that ``PERCEPTION_WEIGHTS`` names. Raises `UnisimError`."""
+        folder = os.environ.get(WEIGHTS)
+        if not folder:
+            raise UnisimError(f"{WEIGHTS}: must name the folder of the detectors that examples.perception.train wrote")
+        return Detectors.load(Path(folder))
+
+
+class BothDetectors:
+    """The trained detectors as `unisim eval --shifts` takes them."""
+
+    classes = {CLASS: VEHICLES}
+
+    def __init__(self, detectors: Detectors) -> None:
+        self.detectors = detectors
+
+    def in_image(self, rgb: NDArray[np.uint8]) -> tuple[FloatArray, FloatArray, list[str]]:
+        """Return boxes (N, 4), scores (N,) and classes of vehicles in an image (H, W, 3), sRGB."""
+        assert self.detectors.camera is not None
+        height, width = rgb.shape[:2]
+        small = resized(rgb, IMAGE_WIDTH, round(height * IMAGE_WIDTH / width))
+        boxes, scores = detect_in(self.detectors.camera, unlabelled(image=small))
+        return boxes * (width / IMAGE_WIDTH), scores, [CLASS] * len(scores)
+
+    def in_sweep(self, points: FloatArray) -> tuple[FloatArray, FloatArray, list[str]]:
+        """Return boxes (N, 5), scores (N,) and classes of vehicles in returns (N, 4), ego frame."""
+        assert self.detectors.lidar is not None
+        near = near_points(points[:, :3], points[:, 3].astype(np.float32))
+        boxes, scores = detect_in(self.detectors.lidar, unlabelled(points=near))
+        return boxes, scores, [CLASS] * len(scores)
+
+
+def detectors() -> BothDetectors:
+    """Return the detectors of the folder that ``PERCEPTION_WEIGHTS`` names. Raises `UnisimError`."""
+    return BothDetectors(Detectors.from_environment())
 
 
 class Sensing:

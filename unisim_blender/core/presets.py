@@ -86,6 +86,12 @@ class Preset:
     is_baseline: bool = False
     """Whether it is there to be compared with, and not offered in Blender."""
     uses_lidar: bool = True
+    rays: int | None = None
+    """Rays of the cameras in a step, where a preset is made for so many: learning rates then follow from their number."""
+    all_rays: int | None = None
+    """Rays of the cameras in a whole training that is given neither a time nor a number of steps."""
+    bfloat16: bool = False
+    """Whether the fields' networks multiply bfloat16."""
 
 
 PRESETS: Registry[Preset] = Registry("a preset")
@@ -149,11 +155,24 @@ PAPER_SHAPES = ModelConfig(
 # a ray for nine pixels; with kernels of one pixel rays can be learnt from scattered, which is worth more than
 # looking aside
 HD_SHAPES = replace(SMALL_SHAPES, upsample=3)
+# a few visits to every pixel of six cameras 1920 wide need tables that collide less
+HD_GPU_SHAPES = replace(
+    HD_SHAPES, static_grid=GridConfig(3.2, 0.03, 8, 4, 21), background_grid=GridConfig(8, 4096, 8, 4, 19)
+)
 for _preset in (
     Preset("tiny", "Tiny", "For tests", TINY_SHAPES),
     Preset("compact", "Compact", "For scenes of a few megabytes", COMPACT_SHAPES),
     Preset("small", "Small", "For training on two processor cores", SMALL_SHAPES),
     Preset("hd", "HD", "For images that are learnt and rendered 1920 wide", HD_SHAPES),
+    Preset(
+        "hd-gpu",
+        "HD on a GPU",
+        "For full-size images of six cameras on a GPU, untried there",
+        HD_GPU_SHAPES,
+        rays=32768,
+        all_rays=600_000_000,
+        bfloat16=True,
+    ),
     Preset("paper", "Paper", "The sizes of the paper's re-implementation, for a GPU", PAPER_SHAPES),
 ):
     register(_preset)

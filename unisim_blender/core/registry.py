@@ -12,7 +12,9 @@ Inside Blender an extension is ``bl_ext.<repository>.unisim_blender``. What anot
 from __future__ import annotations
 
 import importlib
+import os
 import sys
+import traceback
 import warnings
 from collections.abc import Callable, Sequence
 from importlib.abc import Loader
@@ -21,7 +23,7 @@ from importlib.metadata import EntryPoint, entry_points
 from types import ModuleType
 from typing import Any, TypeVar
 
-from .errors import in_a_line
+from .errors import UnisimError, in_a_line, short
 
 NAME = "unisim_blender"
 HERE = __name__.removesuffix(".core.registry")
@@ -151,3 +153,61 @@ class Registry(dict[str, T]):
                 raise TypeError(f"{shown or item!r} has no {member!r}")
         self.check(item)
         return str(getattr(item, self.key))
+
+
+MOST_NAMES = 10
+"""Largest number of a module's names that the error lists where the module lacks the requested one."""
+
+
+def named_function(option: str, name: str, argument: str, forms: str = "module:function") -> Callable[..., Any]:
+    """Return the function of a name ``module:function`` that a command's option has, also of a module in the working directory.
+
+    ``argument``: what it is a function of; ``forms``: what a name can be. Raises `UnisimError`.
+    """
+    module, colon, function = name.partition(":")
+    if not colon or not module or not function:
+        raise UnisimError(f'{option} "{name}": must be {forms}')
+    loaded = _module(option, name, module)
+    start = getattr(loaded, function, None)
+    if start is None:
+        own = [
+            key
+            for key, value in vars(loaded).items()
+            if getattr(value, "__module__", None) == module and callable(value)
+        ]
+        has = f"; it has {', '.join(own[:MOST_NAMES])}" if own else ""
+        where = getattr(loaded, "__file__", None) or module
+        raise UnisimError(f'{option} "{name}": {where} has no {short(function)}{has}')
+    if not callable(start):
+        raise UnisimError(
+            f'{option} "{name}": {function} must be a function of {argument}, not a {type(start).__name__}'
+        )
+    function_of_name: Callable[..., Any] = start
+    return function_of_name
+
+
+def _module(option: str, name: str, module: str) -> ModuleType:
+    """Import the module of a name, also from the working directory, as ``python -m`` does. Raises `UnisimError`."""
+    here = os.getcwd()
+    if here not in sys.path and "" not in sys.path:
+        sys.path.insert(0, here)
+        importlib.invalidate_caches()
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{module}.".startswith(f"{error.name}."):
+            raise UnisimError(f'{option} "{name}": {module} imports a module that is absent: {error.name}') from error
+        hint = f"; write {module.removesuffix('.py')}:{name.partition(':')[2]}" if module.endswith(".py") else ""
+        raise UnisimError(
+            f'{option} "{name}": Python finds no module {short(error.name)}, neither in {here} nor where it looks else{hint}'
+        ) from error
+    except (Exception, SystemExit) as error:
+        steps = traceback.extract_tb(error.__traceback__)
+        lines = [
+            frame
+            for frame in steps
+            if not frame.filename.startswith("<frozen") and frame.filename != importlib.__file__
+        ]
+        place = f"{lines[-1].filename}, line {lines[-1].lineno}: " if len(lines) > 1 else ""
+        text = in_a_line(Exception(str(error) or type(error).__name__))
+        raise UnisimError(f'{option} "{name}": cannot be imported: {place}{type(error).__name__}: {text}') from error

@@ -16,7 +16,7 @@ import torch
 from driver_on_cpu import build_driver, loaded_driver, torch_on_driver
 
 from benchmarks.gpu import Run, size_of, summary
-from benchmarks.gpu_stages import cases, kernels, scenes
+from benchmarks.gpu_stages import cases, kernels, scenes, times
 from benchmarks.gpu_stages.machine import machine
 from benchmarks.gpu_stages.settings import Findings, Settings
 from benchmarks.gpu_stages.street import make_street
@@ -95,6 +95,10 @@ def test_a_street_is_made_and_trained_on(tmp_path: Path) -> None:
     scenes.train_scene(told, found, "tiny")
     assert found.values["steps"] > 0 and found.values["psnr_db"] > 3 and found.values["last"]["loss"] > 0
     assert "held out" in summary("train-tiny", found.values)
+    timed = Findings(tmp_path / "tracer.json", 60.0)
+    times.time_tracer(told, timed, "tiny")
+    assert set(timed.values["images"]) == {1280, 1920} and timed.values["sweep"]["ms"] > 0
+    assert "1920 wide" in summary("tracer-tiny", timed.values)
 
 
 def test_a_time_that_is_up_leaves_one_round() -> None:

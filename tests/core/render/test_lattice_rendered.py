@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from unisim_blender.core import native
 from unisim_blender.core.render.lattice import Region
-from unisim_blender.core.render.quality import QUALITIES
+from unisim_blender.core.render.quality import ERROR_BOUND_QUALITIES, QUALITIES
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
@@ -149,3 +149,27 @@ def test_an_image_that_grows_is_the_image(
         joined = np.concatenate([getattr(part.frame, name) for part in finished])
         assert np.array_equal(joined, getattr(at_once, name)), name
     assert finished[-1].frame.stats.rays == at_once.stats.rays
+
+
+@pytest.mark.parametrize("quality, least_db", [("fast", 45), ("balanced", 48), ("fine", 48)])
+def test_an_image_of_the_trainings_size_skips_pixels_between_alike_ones(
+    scene: CompiledScene, quality: str, least_db: float
+) -> None:
+    backend, width = CompiledBackend(scene), scene.header.drive.cameras[CAMERA].model.width
+    backend.quality = QUALITIES[quality]
+    frames = DriveFrames(Renderer(backend), scene.header.drive)
+    found = frames.camera(CAMERA, FRAME, ("rgb", "depth"), width)
+    region = Region(101, 53, 301, 155)
+    part = frames.camera(CAMERA, FRAME, ("rgb", "depth"), width, region)
+    for name, values in arrays(part).items():
+        assert np.array_equal(values, arrays(found)[name][region.top : region.bottom, region.left : region.right]), name
+    smaller = frames.camera(CAMERA, FRAME, ("rgb",), width * 2 // 3)
+    assert smaller.stats.rays == smaller.rgb.shape[0] * smaller.rgb.shape[1]
+    frames.renderer.quality = replace(QUALITIES[quality], native_spread=0.0)
+    every = frames.camera(CAMERA, FRAME, ("rgb",), width)
+    assert every.stats.rays == width * every.rgb.shape[0] and found.stats.rays < 0.97 * every.stats.rays
+    assert -10 * np.log10(np.mean((found.rgb.astype(float) - every.rgb) ** 2)) > least_db
+
+
+def test_bounds_on_errors_are_of_images_whose_every_pixel_is_traced() -> None:
+    assert not any(quality.native_spread for quality in ERROR_BOUND_QUALITIES.values())

@@ -56,6 +56,9 @@ class Truth(Protocol):
 class DrawableTruth(Truth, Protocol):
     """Ground truth of which a part may have to be drawn first."""
 
+    def image(self, version: Version, camera: str, frame: int) -> ImageArray:
+        """Return the image (H, W, 3) of a camera of the drive alone. Raises `UnisimError`."""
+
     def draw(self, scenario: Path, frames: tuple[int, ...], cameras: tuple[str, ...]) -> None:
         """Draw the images of a scenario that are missing and take long. Raises `UnisimError`."""
 

@@ -16,7 +16,8 @@ class Quality:
     steer the march to surfaces: ``stride_m`` is its longest step, ``relaxation`` how much longer than the distance a
     step may be, ``splits`` how often the interval that stops most of a ray is halved, ``opaque`` the transmittance
     behind which nothing is looked at. ``lattice`` is how many pixels apart an image is traced at first; in between it
-    is where the corners' colours differ by more than ``spread`` and the middle's is not what they predict.
+    is where the corners' colours differ by more than ``spread`` and the middle's is not what they predict. In images of
+    the training's size ``native_spread`` does the same for blocks of two pixels; with 0 every pixel is traced.
     """
 
     samples: float = 1.0
@@ -27,23 +28,37 @@ class Quality:
     opaque: float = 3e-3
     lattice: int = 4
     spread: float = 0.025
+    native_spread: float = 0.0
 
 
 QUALITIES = {
-    "fast": Quality(samples=0.67, stride_m=0.4, relaxation=4.0, splits=2, opaque=1e-2, spread=0.05),
-    "balanced": Quality(),
+    "fast": Quality(
+        samples=0.67, stride_m=0.4, relaxation=4.0, splits=2, opaque=1e-2, spread=0.05, native_spread=0.016
+    ),
+    "balanced": Quality(native_spread=0.008),
     "fine": Quality(
-        samples=2.0, background=4.0, stride_m=0.05, relaxation=1.0, splits=4, opaque=1e-3, lattice=2, spread=0.015
+        samples=2.0,
+        background=4.0,
+        stride_m=0.035,
+        relaxation=1.25,
+        splits=4,
+        opaque=1e-3,
+        lattice=2,
+        spread=0.015,
+        native_spread=0.0075,
     ),
     "reference": Quality(samples=4.0, stride_m=0.0, opaque=1e-4, lattice=1),
 }
 """Qualities by name, the cheapest first. ``reference`` takes the same samples as torch."""
 
 ERROR_BOUND_QUALITIES = {
-    "fast": QUALITIES["fast"],
-    "balanced": QUALITIES["balanced"],
+    # the bounds are of rays: they do not count what a lattice leaves out
+    "fast": replace(QUALITIES["fast"], native_spread=0.0),
+    "balanced": replace(QUALITIES["balanced"], native_spread=0.0),
     "step 10 cm": Quality(samples=1.5, background=2.0, stride_m=0.1, relaxation=1.5, splits=4, opaque=1e-3),
-    "step 5 cm": replace(QUALITIES["fine"], lattice=4, spread=0.02),
+    "step 5 cm": Quality(
+        samples=2.0, background=4.0, stride_m=0.05, relaxation=1.0, splits=4, opaque=1e-3, lattice=4, spread=0.02
+    ),
     "step 3 cm": Quality(
         samples=4.0, background=4.0, stride_m=0.03, relaxation=0.7, splits=5, opaque=3e-4, lattice=2, spread=0.02
     ),

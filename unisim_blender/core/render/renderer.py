@@ -237,26 +237,30 @@ class Renderer:
         inserted = (actor for actor in state.actors if actor.inserted) if self.shadows else ()
         return [actor for actor in inserted if actor.visible_to(camera)]
 
-    def _lattice(self, tracer: Tracer[Any], camera: Camera) -> int:
-        """Return the spacing of the lattice in pixels. An image wider than those that the scene was trained on shows
-        little detail that is smaller than their pixels."""
+    def _lattice(self, tracer: Tracer[Any], camera: Camera) -> tuple[int, float]:
+        """Return the spacing of the lattice in pixels, and the largest difference of colours in a block. An image wider
+        than those that the scene was trained on shows little detail that is smaller than their pixels."""
+        quality = tracer.quality
         scale = camera.model.width / (tracer.trained_width or camera.full_width or camera.model.width)
-        return min(tracer.quality.lattice, 2 ** int(np.log2(max(MAX_LATTICE_SPACING_PX * scale, 1.0))))
+        size = min(quality.lattice, 2 ** int(np.log2(max(MAX_LATTICE_SPACING_PX * scale, 1.0))))
+        if size == 1 and scale >= 1 and quality.lattice > 1 and quality.native_spread and tracer.trained_width != 0:
+            return 2, quality.native_spread
+        return size, quality.spread
 
-    def _cells(self, exposure: _Exposure, region: Region) -> tuple[tuple[slice, slice], int]:
-        """Return the rows and columns of cells that a region needs, and the spacing of their lattice."""
+    def _cells(self, exposure: _Exposure, region: Region) -> tuple[tuple[slice, slice], int, float]:
+        """Return the rows and columns of cells that a region needs, and what `_lattice` returns for them."""
         tracer, model = exposure.tracer, exposure.camera.model
         if not _alone(tracer):
-            return region.cells(tracer.upsample, tracer.reach, Region.of_image(model)), 1
-        size = self._lattice(tracer, exposure.camera)
+            return region.cells(tracer.upsample, tracer.reach, Region.of_image(model)), 1, 0.0
+        size, spread = self._lattice(tracer, exposure.camera)
         spans = slice(region.top, region.bottom), slice(region.left, region.right)
-        return aligned(spans, size, (model.height, model.width)), size
+        return aligned(spans, size, (model.height, model.width)), size, spread
 
     def _block(self, exposure: _Exposure, region: Region) -> CameraFrame:
         """Render a region by tracing all of its cells, and those around it that the decoder reads."""
         up, camera, time_s = exposure.tracer.upsample, exposure.camera, exposure.time_s
-        cells, _ = self._cells(exposure, region)
-        finished = self._on_device(exposure, cells, 1)
+        cells, size, spread = self._cells(exposure, region)
+        finished = self._on_device(exposure, cells, size, spread)
         u, v = (x[cells] for x in pixel_grid(camera.model, up))
         rays = camera_rays(camera, time_s, u, v) if finished is None or exposure.shadowing else None
         along: FloatArray | Array | None
@@ -274,7 +278,7 @@ class Renderer:
     ) -> Iterator[Tile]:
         """Render tiles of the image by tracing the pixels that `progressive_strides` asks for."""
         camera, model, time_s, tracer = exposure.camera, exposure.camera.model, exposure.time_s, exposure.tracer
-        (rows, columns), size = self._cells(exposure, region)
+        (rows, columns), size, spread = self._cells(exposure, region)
         # centres of columns (1, W) and of rows (H, 1)
         u, v = np.arange(columns.start, columns.stop)[None] + 0.5, np.arange(rows.start, rows.stop)[:, None] + 0.5
         shape = v.shape[0], u.shape[1]
@@ -297,13 +301,13 @@ class Renderer:
         sparse = SparseImage(shape)
         steps: Iterable[tuple[int, slice]]
         along_all = None
-        finished = self._on_device(exposure, (rows, columns), size)
+        finished = self._on_device(exposure, (rows, columns), size, spread)
         if finished is not None:
             along_all, sparse.values = finished.pop("along", None), finished
             tops = range(0, shape[0], band or shape[0])
             steps = [(1, slice(top, min(top + tops.step, shape[0]))) for top in tops]
         else:
-            steps = progressive_strides(sparse, size, tracer.quality.spread, trace, coarse, band)
+            steps = progressive_strides(sparse, size, spread, trace, coarse, band)
         for stride, done in steps:
             values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in sparse.values.items() if name != NEAR_BOXES}
             if stride > 1:
@@ -332,7 +336,7 @@ class Renderer:
             yield Tile(_blanked(frame, part), part)
 
     def _launched(
-        self, exposure: _Exposure, cells: tuple[slice, slice], size: int
+        self, exposure: _Exposure, cells: tuple[slice, slice], size: int, spread: float
     ) -> Callable[[RenderStats], Maps | None] | None:
         """Launch `lattice_image` of a tracer on a GPU; None where the host has to finish an image."""
         lattice_image = getattr(exposure.tracer, "lattice_image", None)
@@ -340,13 +344,13 @@ class Renderer:
         if lattice_image is None or exposure.displaced or seen:
             return None
         waits: Callable[[RenderStats], Maps | None] | None = lattice_image(
-            exposure.camera, exposure.time_s, cells, size, exposure.needed
+            exposure.camera, exposure.time_s, cells, size, spread, exposure.needed
         )
         return waits
 
-    def _on_device(self, exposure: _Exposure, cells: tuple[slice, slice], size: int) -> Maps | None:
+    def _on_device(self, exposure: _Exposure, cells: tuple[slice, slice], size: int, spread: float) -> Maps | None:
         """Return the maps of cells from a GPU; None where the host has to trace or finish them."""
-        waits, exposure.launched = exposure.launched or self._launched(exposure, cells, size), None
+        waits, exposure.launched = exposure.launched or self._launched(exposure, cells, size, spread), None
         return None if waits is None else waits(exposure.stats)
 
     def _seen(

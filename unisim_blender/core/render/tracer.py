@@ -173,7 +173,7 @@ class Tracer(Protocol[ValuesT]):
     quality: Quality
     """Quality, which says what may be saved; it may be changed between two calls."""
     trained_width: int | None
-    """Width in pixels of the images that the scene learnt from; None for the recorded one."""
+    """Width in pixels of the images that the scene learnt from; None for the recorded one, 0 for none."""
 
     def trace(
         self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -18,6 +19,21 @@ def ray_counts(device: str, rays: int | None = None) -> tuple[int, int]:
     device's own count. LiDAR has a quarter as many."""
     rays = rays or (GPU_RAYS if device.startswith("cuda") else RAYS)
     return max(rays // PATCH_CELLS**2, 2), max(rays // 4, 1)
+
+
+def steps_of(preset: Preset, patches: int) -> int | None:
+    """Return how many steps of so many patches a preset asks for, None where it asks for none."""
+    return None if preset.all_rays is None else math.ceil(preset.all_rays / (patches * PATCH_CELLS**2))
+
+
+MOST_RATE = 2.0
+"""Largest factor of `rate_factor`."""
+
+
+def rate_factor(preset: Preset, rays: int) -> float:
+    """Return the factor of the learning rates, which are those of `RAYS` rays in a step, for so many. Adam's grow by the
+    root of a batch's size (Malladi et al., "On the SDEs and Scaling Rules for Adaptive Gradient Algorithms", 2022)."""
+    return 1.0 if preset.rays is None else min(MOST_RATE, math.sqrt(rays / RAYS))
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from torch import Tensor
 
 from ..data.log import Log
 from ..errors import SceneError
+from ..ops.mlp import in_bfloat16
 from ..ops.padding import Padding
 from .batches.data import LidarData, PatchBatch
 from .batches.images import LoadedImages
@@ -148,9 +149,10 @@ class DeviceTrainer(Trainer):
         batches, blocks, beams = self.draw()
         for sink, _ in self._sinks_of(start.tables):
             sink.clear()
-        terms, metrics, errors, traced = self.branches.terms(
-            start, batches, None if blocks is None else blocks[1], beams
-        )
+        with in_bfloat16(self.recipe.bfloat16):
+            terms, metrics, errors, traced = self.branches.terms(
+                start, batches, None if blocks is None else blocks[1], beams
+            )
         self.optimiser.zero_grad(set_to_none=False)
         torch.stack(list(terms.values())).sum().backward()
         self._pour(start.tables)

@@ -34,7 +34,7 @@ from ..world.replay import with_windows
 from .batches.data import CameraData, LidarData, lidar_captures
 from .batches.images import PixelChoice
 from .batches.sweeps import SweepRef, SweepWindow, all_sweeps_fit
-from .config import TrainConfig, recipe
+from .config import TrainConfig, rate_factor, recipe
 from .losses.shape import ShapeLosses
 from .losses.terms import Adversary, VggLoss, perceptual_stand_in
 from .losses.unobserved import UnobservedPrior
@@ -101,6 +101,7 @@ class TrainingSetup:
 
     def __init__(self, log: Log, config: TrainConfig) -> None:
         self.config, self.recipe = config, recipe(config)
+        self.rate_factor = rate_factor(self.recipe, config.patches * config.patch_cells**2)
         torch.manual_seed(config.seed)
         # noise that differs from key to key is for the labels to tell of: rays see a box at a few moments only
         self.log = log = with_drive(log, fitted(log.drive)) if self.recipe.refines_tracklets else log

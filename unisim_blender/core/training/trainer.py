@@ -14,6 +14,7 @@ from .. import native
 from ..data.log import Log
 from ..ops.devices import kernel_threads, torch_threads, zeros_on_demand
 from ..ops.encode import GradientSink
+from ..ops.mlp import in_bfloat16
 from ..ops.padding import Padding
 from ..ops.segment_trace import SegmentTrace
 from ..render.tracers.torch.actor_tensors import ActiveActorTensors, ActorSetTensors
@@ -75,7 +76,8 @@ class Trainer(TrainingSetup):
         starts = [self._start(number, done, deferred, seen) for number in range(len(work))]
         for sink, _ in self._sinks_of(deferred["tables"]):
             sink.clear()
-        results = run_branches([partial(f, start) for f, start in zip(work, starts, strict=True)], together)
+        with in_bfloat16(self.recipe.bfloat16):
+            results = run_branches([partial(f, start) for f, start in zip(work, starts, strict=True)], together)
         self._update(starts, deferred["tables"])
         if not branches.lidar_follows:
             for start, result in zip(starts, results, strict=True):
@@ -177,7 +179,7 @@ class Trainer(TrainingSetup):
         for group in (*self.optimiser.param_groups, *self.slow.param_groups):
             first, last = group["rates"]
             warm = min(1.0, (self.iteration + 1) / 100)
-            rate = warm * first * (last / first) ** done * LAST_RATE ** self._anneal(done)
+            rate = self.rate_factor * warm * first * (last / first) ** done * LAST_RATE ** self._anneal(done)
             if isinstance(group["lr"], Tensor):
                 group["lr"].fill_(rate)
             else:

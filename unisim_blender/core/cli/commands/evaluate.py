@@ -33,17 +33,40 @@ LEFT_TO_THE_FILE = ("by_sensor", "pixels", "chamfer_squared_m2", "depth_median_s
 @click.option(
     "--split", type=click.Choice(sorted(SPLITS)), help="SCENE and LOG hold a folder for each log of this split."
 )
+@click.option("--shifts", is_flag=True, help="Measure what a detector sees from -3 to 3 m beside the path of LOG.")
+@click.option("--detector", metavar="MODULE:FUNCTION", help="With --shifts: returns the detector.")
+@click.option("--beside", metavar="A,B", help="With --shifts: surfel, warp, or folders of scenes, measured too.")
 @click.option("--quality", type=QUALITY, default="balanced", show_default=True, help="Samples a ray.")
 @click.option("--lpips", "lpips_weights", metavar="FILE", type=PATH, help="Weights of LPIPS, to measure it.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda or mps.")
 def command(
-    paths: tuple[Path, ...], out: Path, truth: Path | None, scene: Path | None, split: str | None, **given: Any
+    paths: tuple[Path, ...],
+    out: Path,
+    truth: Path | None,
+    scene: Path | None,
+    split: str | None,
+    shifts: bool,
+    detector: str | None,
+    beside: str | None,
+    **given: Any,
 ) -> None:
     """Render held-out frames of SCENE and compare them with LOG; with --truth, compare SCENARIOs with
-    a street's truth."""
+    a street's truth; with --shifts, count what a detector sees in views beside the path."""
     from ...evaluation.recorded_runs import EvaluationOptions, evaluate_scene, evaluate_split, flat_metrics
 
     options = EvaluationOptions(**given | {"cameras": split_names(given["cameras"])})
+    if (detector is None) is shifts or (beside is not None and not shifts):
+        raise click.UsageError("--shifts, --detector and, if any, --beside go together")
+    if shifts:
+        from ...evaluation.shifts import ShiftOptions, shift_curve, tables
+
+        if len(paths) != 2 or truth is not None or scene is not None or split is not None:
+            raise click.UsageError("--shifts takes a trained scene and a log")
+        chosen = ShiftOptions(detector or "", split_names(beside) or ())
+        document = shift_curve(*paths, out, options, chosen, _progress)
+        click.echo("\n".join(tables(document["curves"])))
+        click.echo(f"Metrics: {out / 'shifts.json'}   plot: {out / 'shifts.png'}   views: {out / 'views.png'}")
+        return
     if truth is not None:
         from ...evaluation.truth_runs import evaluate_scenarios
 

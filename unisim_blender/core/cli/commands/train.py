@@ -55,7 +55,9 @@ from ..options import PATH, posed, poses_option
 )
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
 @click.option(
-    "--rays", type=click.IntRange(min=512), help=f"Rays of the cameras in a step. [default: {RAYS}; on cuda {GPU_RAYS}]"
+    "--rays",
+    type=click.IntRange(min=512),
+    help=f"Rays of the cameras in a step. [default: the preset's, or {RAYS}; on cuda {GPU_RAYS}]",
 )
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of every random choice.")
 @click.option("--vgg", type=click.Path(), help="VGG-16 weights (torchvision's names) for the perceptual term.")
@@ -80,9 +82,13 @@ def command(  # noqa: PLR0913
     from ...formats.readers import open_log
     from ...prepare.selection import camera_ahead, check_names, select_frames, split_names, training_lidars
     from ...scenes.recipe import pick_device
-    from ...training.config import TrainConfig, ray_counts
+    from ...training.config import TrainConfig, ray_counts, steps_of
     from ...training.loop import train
 
+    picked = pick_device(device, trains=True)
+    patches, lidar_rays = ray_counts(picked, rays or (PRESETS[preset].rays if preset in PRESETS else None))
+    if minutes is None and iterations is None and preset in PRESETS:
+        iterations = steps_of(PRESETS[preset], patches)
     if (minutes is None) == (iterations is None):
         raise click.UsageError("give either --minutes or --iterations")
     if (minutes is not None and not minutes > 0) or (iterations is not None and iterations < 1):
@@ -110,8 +116,6 @@ def command(  # noqa: PLR0913
     for sentence in doubts(recorded, names, chosen):
         click.echo(sentence, err=True)
     recorded = posed(recorded, poses, quiet)
-    picked = pick_device(device, trains=True)
-    patches, lidar_rays = ray_counts(picked, rays)
     config = TrainConfig(
         cameras=names, lidars=chosen, frames=select_frames(frames, recorded.drive.frames), width=width,
         preset=preset, without=split_names(without) or (), density=density, disturb=disturb, minutes=minutes,

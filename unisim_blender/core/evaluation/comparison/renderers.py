@@ -43,7 +43,7 @@ def make_renderer(
     """Train the scene in ``folder``, or build the surfels, where that is not done. Raises `UnisimError`;
     KeyboardInterrupt leaves a checkpoint."""
     if method.untrained is not None:
-        return _untrained(method.untrained, log, options)
+        return untrained_renderer(method.untrained, log, options.training_frames(log.drive), options.quality)
     header = load_or_train(log, _config(method, log, options), folder, quiet)
     seconds, steps = header.training["seconds"], header.training["iterations"]
     about, scene = {"training_s": seconds, "iterations": steps}, Scene(folder)
@@ -65,8 +65,9 @@ def _config(method: Method, log: Log, options: CompareOptions) -> TrainConfig:
     )  # fmt: skip
 
 
-def _untrained(name: str, log: Log, options: CompareOptions) -> MethodRenderer:
-    renderer, frames = SURFEL_METHODS[name], options.training_frames(log.drive)
+def untrained_renderer(name: str, log: Log, frames: tuple[int, ...], quality: str) -> MethodRenderer:
+    """Return the renderer of a name in `SURFEL_METHODS`, of frames of a log. Raises `UnisimError`."""
+    renderer = SURFEL_METHODS[name]
     begun = time.perf_counter()
     steps: list[Step] = []
     scene = finished(surfels_of(log, renderer.settings, frames), steps.append)
@@ -74,6 +75,6 @@ def _untrained(name: str, log: Log, options: CompareOptions) -> MethodRenderer:
     about = {"training_s": round(time.perf_counter() - begun, 1)} if steps else {}
 
     def renderer_of(drive: Drive) -> TimedRenderer:
-        return TimedRenderer(Renderer(renderer.backend(scene, log, frames, options.quality)), drive)
+        return TimedRenderer(Renderer(renderer.backend(scene, log, frames, quality)), drive)
 
     return MethodRenderer(None, None, build_key(log, renderer.settings, frames), about, renderer_of)

@@ -3,16 +3,13 @@ scenario), and the drivers that are registered."""
 
 from __future__ import annotations
 
-import importlib
-import os
-import sys
 import traceback
 import warnings
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import ModuleType, TracebackType
+from types import TracebackType
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,7 +19,7 @@ from ...errors import SimulationError, UnisimError, in_a_line, short
 from ...files import write_file
 from ...geometry import FloatArray
 from ...output.frame_files import POINT_FIELDS as FIELDS
-from ...registry import Registry
+from ...registry import Registry, named_function
 from ...world.drive import CameraModel, LidarModel
 from ..actors.recording import Recording
 from ..states import EgoState, Traffic
@@ -253,8 +250,6 @@ def _described(value: object) -> str:
 DRIVERS: Registry[DriverKind] = Registry("a driver")
 """The registered drivers by the name that `unisim drive --driver` has for them."""
 register = DRIVERS.register
-MOST_NAMES = 10
-"""Largest number of a module's names that the error lists where the module lacks the requested one."""
 
 
 def driver_named(name: str, endpoint: Endpoint | None = None) -> DriverKind:
@@ -270,49 +265,5 @@ def driver_named(name: str, endpoint: Endpoint | None = None) -> DriverKind:
         if endpoint is None:
             raise UnisimError(f'--driver "{name}": needs --driver-address')
         return replace(kind, start=remote(endpoint))
-    module, colon, function = name.partition(":")
-    if not colon or not module or not function:
-        raise UnisimError(f'--driver "{name}": must be one of {", ".join(DRIVERS)}, or module:function')
-    loaded = _module(name, module)
-    start = getattr(loaded, function, None)
-    if start is None:
-        own = [
-            key
-            for key, value in vars(loaded).items()
-            if getattr(value, "__module__", None) == module and callable(value)
-        ]
-        has = f"; it has {', '.join(own[:MOST_NAMES])}" if own else ""
-        where = getattr(loaded, "__file__", None) or module
-        raise UnisimError(f'--driver "{name}": {where} has no {short(function)}{has}')
-    if not callable(start):
-        raise UnisimError(
-            f'--driver "{name}": {function} must be a function of a DriverSetup, not a {type(start).__name__}'
-        )
+    start = named_function("--driver", name, "a DriverSetup", f"one of {', '.join(DRIVERS)}, or module:function")
     return DriverKind(name, "of a module", start)
-
-
-def _module(name: str, module: str) -> ModuleType:
-    """Import the module of a driver, also from the working directory, as ``python -m`` does. Raises `UnisimError`."""
-    here = os.getcwd()
-    if here not in sys.path and "" not in sys.path:
-        sys.path.insert(0, here)
-        importlib.invalidate_caches()
-    try:
-        return importlib.import_module(module)
-    except ModuleNotFoundError as error:
-        if error.name is None or not f"{module}.".startswith(f"{error.name}."):
-            raise UnisimError(f'--driver "{name}": {module} imports a module that is absent: {error.name}') from error
-        hint = f"; write {module.removesuffix('.py')}:{name.partition(':')[2]}" if module.endswith(".py") else ""
-        raise UnisimError(
-            f'--driver "{name}": Python finds no module {short(error.name)}, neither in {here} nor where it looks else{hint}'
-        ) from error
-    except (Exception, SystemExit) as error:
-        steps = traceback.extract_tb(error.__traceback__)
-        lines = [
-            frame
-            for frame in steps
-            if not frame.filename.startswith("<frozen") and frame.filename != importlib.__file__
-        ]
-        place = f"{lines[-1].filename}, line {lines[-1].lineno}: " if len(lines) > 1 else ""
-        text = in_a_line(Exception(str(error) or type(error).__name__))
-        raise UnisimError(f'--driver "{name}": cannot be imported: {place}{type(error).__name__}: {text}') from error

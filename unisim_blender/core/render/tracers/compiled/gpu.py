@@ -330,19 +330,21 @@ class GpuTracer(CompiledTracer):
         time_s: float,
         cells: tuple[slice, slice],
         size: int,
+        spread: float,
         passes: set[str],
     ) -> Callable[[RenderStats], Maps | None] | None:
-        """Launch the rows and columns ``cells`` of an image, traced from a lattice of ``size``; None where the GPU cannot finish
-        the image. The function that is returned waits: colours, passes, and what depths are multiplied by along the optical
-        axis, "along", (h w, ...), or None where memory did not suffice. Where a cell is several pixels, its colours are
-        theirs: (h w, up up 3), as they lie in the image of (h up, w up).
+        """Launch the rows and columns ``cells`` of an image, traced from a lattice of ``size`` with ``spread`` as in
+        `lattice.progressive_strides`; None where the GPU cannot finish the image. The function that is returned waits: colours,
+        passes, and what depths are multiplied by along the optical axis, "along", (h w, ...), or None where memory did not
+        suffice. Where a cell is several pixels, its colours are theirs: (h w, up up 3), as they lie in the image of
+        (h up, w up).
         """
         if self.space is not None or self._foreign or not self._scenes[0].decodes:
             return None
         self._gpu.enter()
 
         def launched() -> LatticeImage:
-            return LatticeImage(self, camera, time_s, cells, size, passes)
+            return LatticeImage(self, camera, time_s, cells, size, spread, passes)
 
         def finish(stats: RenderStats) -> Maps | None:
             self._gpu.enter()
@@ -422,6 +424,7 @@ class LatticeImage:
         time_s: float,
         cells: tuple[slice, slice],
         size: int,
+        spread: float,
         passes: set[str],
     ) -> None:
         self._gpu, self._tracer, self._passes = tracer._gpu, tracer, passes
@@ -467,7 +470,7 @@ class LatticeImage:
             scene.lens(model), memory.upload(doubles(poses)), memory.upload(doubles(moments)),
             (ctypes.c_double * 3)(*camera.world_from_camera.at(time_s)[:3, 2]), origins, directions, times,
             head, convolutions, count, size, memory.upload((PlaneStruct * len(planes))(*planes)), len(planes),
-            block_tolerance(tracer.quality.spread), scene.observed if "unsupported" in passes else None,
+            block_tolerance(spread), scene.observed if "unsupported" in passes else None,
             self._at["rgb"], self._at.get("along"), self._at.get("unsupported"),
             memory.allocate(n), memory.allocate(n), memory.allocate(n // 3 + 1, clear=True), order,
             self._numbers + 8,

@@ -88,7 +88,7 @@ class SurfelTracer:
 
     upsample = 1
     reach = 0
-    trained_width: int | None = None
+    trained_width: int | None = 0
 
     def __init__(self, backend: SurfelBackend, state: WorldState) -> None:
         for actor in state.actors:
