@@ -22,6 +22,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from ..data.exposures import Exposures
 from ..errors import SceneError
 from ..geometry import FloatArray
 from ..meshes.exposure import PROBE_M, beside, level_of
@@ -81,6 +82,20 @@ class _Binding:
         tracer = self._last[1]
         tracer.quality = quality
         return tracer
+
+    def exposed(self, image: NDArray[np.float32], camera_id: str, time_s: float) -> NDArray[np.float32]:
+        """Return a camera's image, or its colours (..., 3), exposed as a trained scene's images around its time are."""
+        exposures: Exposures | None = getattr(self.backend, "exposures", None)
+        if exposures is None or camera_id not in exposures.by_camera:
+            return image
+        gain = exposures.at(camera_id, np.array([time_s]))[0].astype(np.float32)
+        return np.minimum(image * gain, np.float32(1))
+
+    def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
+        """See `tracer.Backend`."""
+        exposures: Exposures | None = getattr(self.backend, "exposures", None)
+        exposed_alike = exposures is None or exposures.is_constant(sensor_id, start_s, end_s)
+        return exposed_alike and self.backend.is_steady(sensor_id, start_s, end_s)
 
 
 class Renderer:
@@ -198,8 +213,7 @@ class Renderer:
 
     def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
         """Return whether what stands is rendered with the same bits at all times between two; see `tracer.Backend`."""
-        backends = self.backend, self._lighting.backend
-        return all(backend.is_steady(sensor_id, start_s, end_s) for backend in backends)
+        return all(bound.is_steady(sensor_id, start_s, end_s) for bound in (self._bound, self._lighting))
 
     def alone(self, state: WorldState, camera: Camera) -> bool:
         """Return whether a pixel's colour depends on its own ray alone."""
@@ -351,7 +365,10 @@ class Renderer:
     def _on_device(self, exposure: _Exposure, cells: tuple[slice, slice], size: int, spread: float) -> Maps | None:
         """Return the maps of cells from a GPU; None where the host has to trace or finish them."""
         waits, exposure.launched = exposure.launched or self._launched(exposure, cells, size, spread), None
-        return None if waits is None else waits(exposure.stats)
+        values = None if waits is None else waits(exposure.stats)
+        if values is not None:
+            values["rgb"] = self._bound.exposed(values["rgb"], exposure.camera.sensor_id, exposure.time_s)
+        return values
 
     def _seen(
         self, exposure: _Exposure, cells: tuple[FloatArray, FloatArray], rays: Rays, up: int
@@ -369,6 +386,7 @@ class Renderer:
         mesh_hits = seen.hit_by_camera(exposure.camera, exposure.time_s, (u, v), flat, up, NEAR_M, light)
         traced = tracer.trace(rays, exposure.needed, True, mesh_hits, exposure.stats)
         image = tracer.image(traced, flat.directions, exposure.camera.sensor_id, u.shape)
+        image = self._bound.exposed(image, exposure.camera.sensor_id, exposure.time_s)
         if mesh_hits is not None and traced.mesh_opacity is not None:
             image = mesh_hits.over(image, traced.mesh_opacity, u.shape)
         if exposure.displaced:
@@ -448,6 +466,7 @@ class Renderer:
         traced = tracer.trace(rays, {"instance", "depth"}, True, None, RenderStats())
         # one row of cells: a decoder that reads neighbours sees ground on both sides
         rgb = tracer.image(traced, directions, camera.sensor_id, (1, len(points)))[0, :: tracer.upsample]
+        rgb = self._lighting.exposed(rgb, camera.sensor_id, time_s)
         return level_of(rgb[(traced.maps["instance"] == 0) & (traced.maps["depth"] < 2 * PROBE_M)])
 
     def _shaded(self, exposure: _Exposure, image: NDArray[np.float32], rays: Rays, maps: Maps) -> NDArray[np.float32]:
