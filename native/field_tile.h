@@ -43,16 +43,22 @@ template <int F, class T> inline void add_row(const T *row, float weight, float 
 }
 
 #if defined(__F16C__)
-inline __m128 four(const float *row) { return _mm_loadu_ps(row); }
-inline __m128 four(const uint16_t *row) {
-    return _mm_cvtph_ps(_mm_loadl_epi64(reinterpret_cast<const __m128i *>(row)));
+// The rows, of four numbers, of two corners.
+inline __m256 two_rows(const float *a, const float *b) {
+    return _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(a)), _mm_loadu_ps(b), 1);
+}
+inline __m256 two_rows(const uint16_t *a, const uint16_t *b) {
+    const __m128 low = _mm_castsi128_ps(_mm_loadl_epi64(reinterpret_cast<const __m128i *>(a)));
+    return _mm256_cvtph_ps(_mm_castps_si128(_mm_loadh_pi(low, reinterpret_cast<const __m64 *>(b))));
 }
 #endif
 
-// The cell corners of a block's points in one level.
+// The cell corners of a block's points in one level: their rows, the weights of the four edges along x, whose ends are
+// corners 2 e and 2 e + 1, and the fraction of the way along these.
 struct Corners {
     int32_t row[8][BLOCK];
-    float weight[8][BLOCK];
+    float weight[4][BLOCK];
+    float along[BLOCK];
 };
 
 // x: three rows of coordinates in the unit cube, of `count` points, filled up to whole vectors.
@@ -60,10 +66,11 @@ inline void find_corners(const unisim_grid &g, int level, const float (*x)[BLOCK
     // whole vectors: no remainder loop
     const int end = (count + LANES - 1) / LANES * LANES;
     int32_t lower[3][BLOCK];
-    float fraction[3][BLOCK];
+    float across[2][BLOCK];
     for (int a = 0; a < 3; ++a) {
         const float scale = g.scale[level * 3 + a];
         const float last = std::fmax(std::ceil(scale) - 1.0f, 0.0f);
+        float *fraction = a ? across[a - 1] : c.along;
         for (int s = 0; s < end; ++s) {
             // NaN and points outside the cube are clamped to its nearest face
             float p = x[a][s] * scale;
@@ -72,50 +79,58 @@ inline void find_corners(const unisim_grid &g, int level, const float (*x)[BLOCK
             float cell = static_cast<float>(static_cast<int32_t>(p));
             cell = cell < last ? cell : last;
             lower[a][s] = static_cast<int32_t>(cell);
-            fraction[a][s] = p - cell;
+            fraction[s] = p - cell;
         }
     }
     const uint32_t sy = g.stride_y[level], sz = g.stride_z[level], mask = g.size[level] - 1;
-    for (int corner = 0; corner < 8; ++corner) {
-        const uint32_t bx = corner & 1, by = corner >> 1 & 1, bz = corner >> 2;
+    for (int edge = 0; edge < 4; ++edge) {
+        const uint32_t by = edge & 1, bz = edge >> 1;
+        int32_t *first = c.row[2 * edge], *second = c.row[2 * edge + 1];
         if (sy)
-            for (int s = 0; s < end; ++s)
-                c.row[corner][s] =
-                    static_cast<int32_t>(lower[0][s] + bx + (lower[1][s] + by) * sy + (lower[2][s] + bz) * sz);
+            for (int s = 0; s < end; ++s) {
+                first[s] = static_cast<int32_t>(lower[0][s] + (lower[1][s] + by) * sy + (lower[2][s] + bz) * sz);
+                second[s] = first[s] + 1;
+            }
         else
-            for (int s = 0; s < end; ++s)
-                c.row[corner][s] = static_cast<int32_t>(
-                    ((lower[0][s] + bx) ^ (lower[1][s] + by) * 2654435761u ^ (lower[2][s] + bz) * 805459861u) & mask);
+            for (int s = 0; s < end; ++s) {
+                const uint32_t yz = (lower[1][s] + by) * 2654435761u ^ (lower[2][s] + bz) * 805459861u;
+                first[s] = static_cast<int32_t>((lower[0][s] ^ yz) & mask);
+                second[s] = static_cast<int32_t>(((lower[0][s] + 1) ^ yz) & mask);
+            }
         for (int s = 0; s < end; ++s)
-            c.weight[corner][s] = (bx ? fraction[0][s] : 1 - fraction[0][s]) *
-                                  (by ? fraction[1][s] : 1 - fraction[1][s]) *
-                                  (bz ? fraction[2][s] : 1 - fraction[2][s]);
+            c.weight[edge][s] = (by ? across[0][s] : 1 - across[0][s]) * (bz ? across[1][s] : 1 - across[1][s]);
     }
 }
 
 template <int F, class T>
 inline void gather_level(const unisim_grid &g, int level, const T *table, const int32_t *grid, int count,
-                         const Corners &c, float *code, int width) {
+                         const Corners &c, const Corners *next, float *code, int width) {
     for (int s = 0; s < count; ++s) {
         const T *base = table + ((grid ? grid[s] * g.grid_stride : 0) + g.offset[level]) * F;
+        if (next) {
+            const T *after = table + ((grid ? grid[s] * g.grid_stride : 0) + g.offset[level + 1]) * F;
+            for (int edge = 0; edge < 4; ++edge)
+                __builtin_prefetch(after + static_cast<int64_t>(next->row[2 * edge][s]) * F);
+        }
+        const auto row = [&](int corner) { return base + static_cast<int64_t>(c.row[corner][s]) * F; };
         float *out = code + s * width + level * F;
 #if defined(__F16C__)
         if constexpr (F == 4) {
-            __m128 even = _mm_setzero_ps(), odd = _mm_setzero_ps();
-            for (int corner = 0; corner < 8; corner += 2) {
-                even = _mm_fmadd_ps(_mm_set1_ps(c.weight[corner][s]),
-                                    four(base + static_cast<int64_t>(c.row[corner][s]) * 4), even);
-                odd = _mm_fmadd_ps(_mm_set1_ps(c.weight[corner + 1][s]),
-                                   four(base + static_cast<int64_t>(c.row[corner + 1][s]) * 4), odd);
-            }
-            _mm_storeu_ps(out, _mm_add_ps(even, odd));
+            __m256 ends = _mm256_setzero_ps();
+            for (int edge = 0; edge < 4; ++edge)
+                ends = _mm256_fmadd_ps(_mm256_set1_ps(c.weight[edge][s]), two_rows(row(2 * edge), row(2 * edge + 1)),
+                                       ends);
+            const __m128 first = _mm256_castps256_ps128(ends), second = _mm256_extractf128_ps(ends, 1);
+            _mm_storeu_ps(out, _mm_fmadd_ps(_mm_set1_ps(c.along[s]), _mm_sub_ps(second, first), first));
             continue;
         }
 #endif
-        float sum[F] = {};
-        for (int corner = 0; corner < 8; ++corner)
-            add_row<F>(base + static_cast<int64_t>(c.row[corner][s]) * F, c.weight[corner][s], sum);
-        std::memcpy(out, sum, sizeof sum);
+        float first[F] = {}, second[F] = {};
+        for (int edge = 0; edge < 4; ++edge) {
+            add_row<F>(row(2 * edge), c.weight[edge][s], first);
+            add_row<F>(row(2 * edge + 1), c.weight[edge][s], second);
+        }
+        for (int f = 0; f < F; ++f) out[f] = first[f] + c.along[s] * (second[f] - first[f]);
     }
 }
 
@@ -123,10 +138,14 @@ template <int F, class T>
 void encode_block(const unisim_grid &g, const T *table, const float (*x)[BLOCK], const int32_t *grid, int count,
                   float *code) {
     const int width = g.levels * F;
-    Corners corners;
+    // while one level's rows are summed, the next one's are fetched
+    Corners corners[2];
+    find_corners(g, 0, x, count, corners[0]);
     for (int level = 0; level < g.levels; ++level) {
-        find_corners(g, level, x, count, corners);
-        gather_level<F>(g, level, table, grid, count, corners, code, width);
+        const Corners &here = corners[level % 2];
+        Corners *next = level + 1 < g.levels ? &corners[(level + 1) % 2] : nullptr;
+        if (next) find_corners(g, level + 1, x, count, *next);
+        gather_level<F>(g, level, table, grid, count, here, next, code, width);
     }
 }
 

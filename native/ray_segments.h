@@ -18,6 +18,7 @@ struct Samples {
     // (samples, stride): distance, signed distance, optical depth and stop fraction of the interval that ends at the
     // sample, transmittance before that interval, weight of the sample
     std::vector<float> t, s, tau, stop_fraction, transmittance_before, weight;
+    std::vector<float> total_depth; // (stride): optical depths of whole segments
 
     size_t number(int k, int p) const { return static_cast<size_t>(k * stride + p); }
 
@@ -205,8 +206,9 @@ template <class Segments> void find_unisim_intervals(Segments &b, int from, int 
         }
 }
 
-// Transmittances before the intervals of segments, each as if it were the only one on its ray.
+// Transmittances before the intervals of segments, each as if it were the only one on its ray, and total depths.
 inline void find_transmittances_alone(Samples &b) {
+    b.total_depth.resize(static_cast<size_t>(b.stride));
     for (int p = 0; p < b.stride; p += LANES) {
         // compensated summation: many thin intervals would be lost to rounding one by one
         simd_float before{}, lost{};
@@ -217,6 +219,7 @@ inline void find_transmittances_alone(Samples &b) {
             lost = depth - (sum - before);
             before = sum;
         }
+        store(&b.total_depth[static_cast<size_t>(p)], before);
     }
 }
 

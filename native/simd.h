@@ -6,6 +6,9 @@
 #pragma once
 #include <cstdint>
 #include <cstring>
+#if defined(__AVX512F__)
+#include <immintrin.h>
+#endif
 
 namespace {
 
@@ -52,6 +55,9 @@ template <class F> inline F min_of(F a, F b) { return a < b ? a : b; }
 inline simd_float relu(simd_float a) { return max_of(a, simd_float{}); }
 
 inline float sum_of(const simd_float &a) {
+#if defined(__AVX512F__)
+    return _mm512_reduce_add_ps((__m512)a); // the order of the loop below
+#endif
     float v[LANES];
     store(v, a);
     for (int width = LANES / 2; width; width /= 2)

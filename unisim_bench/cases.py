@@ -19,7 +19,7 @@ from unisim_blender.core.render.quality import QUALITIES, TRUTH_QUALITY
 from unisim_blender.core.world.drive import CameraModel, Drive
 
 from .render_request import Measurement, RenderRequest, SceneSetup
-from .settings import DEFAULT, DOUBLED, TYPICAL, BenchmarkMethod, Settings
+from .settings import DEFAULT, DOUBLED, GPU, TYPICAL, BenchmarkMethod, Settings
 from .state_cost import AddedActors
 
 
@@ -108,13 +108,14 @@ def middle(width: int, height: int, share: float) -> Region:
 def all_cases(
     subjects: Sequence[Subject], methods: Sequence[BenchmarkMethod], settings: Settings
 ) -> list[BenchmarkCase]:
-    """Return every measurement of `unisim bench`, in the order in which they are made.
+    """Return every measurement of `unisim bench`, in the order in which they are made. A step of the closed loop and memory are
+    measured on a GPU, too, where one of the methods is its own.
 
     All cases are measured on the first subject, each method in those that compare methods. The other subjects are
     rendered in one case only, which compares scenes of different sizes (`scenes_case`).
     """
     first = subjects[0]
-    threads = max(method.threads for method in methods)
+    threads, gpu = max(method.threads for method in methods), any(method.tracer == GPU for method in methods)
     cases = [camera_case(first, methods, settings, width, threads) for width in settings.widths]
     if first.lidar is not None:
         cases.append(lidar_case(first, methods, settings, threads))
@@ -123,8 +124,8 @@ def all_cases(
         cases += [copies_case(first, settings, threads), state_case(first, settings, threads)]
     cases += [region_case(first, settings, threads), scenes_case(subjects, settings, threads)]
     if first.lidar is not None:
-        cases.append(loop_case(first, settings, threads))
-    cases.append(memory_case(first, settings, threads))
+        cases.append(loop_case(first, settings, threads, gpu))
+    cases.append(memory_case(first, settings, threads, gpu))
     return cases
 
 
@@ -254,25 +255,32 @@ def scenes_case(subjects: Sequence[Subject], settings: Settings, threads: int) -
     return BenchmarkCase("scenes", {"width": settings.growth_width}, entries)
 
 
-def loop_case(subject: Subject, settings: Settings, threads: int) -> BenchmarkCase:
-    """Steps of the closed loop with an image and a sweep, at every quality."""
+def loop_case(subject: Subject, settings: Settings, threads: int, gpu: bool = False) -> BenchmarkCase:
+    """Steps of the closed loop with an image and a sweep, at every quality, and again on a ``gpu``."""
     assert subject.lidar is not None
     request = _typical(subject, settings.loop_width, threads)
     request = replace(request, steps=settings.loop_steps, beside=subject.lidar)
     entries = [
-        CaseEntry({"quality": name, "method": f"native {name}"}, DEFAULT, replace(request, quality=quality), once=True)
+        CaseEntry(
+            {"quality": name, "method": f"{by} {name}"},
+            process,
+            replace(request, setup=replace(request.setup, tracer=tracer), quality=quality),
+            once=True,
+        )
+        for by, process, tracer in (("native", DEFAULT, "compiled"), *((("GPU", GPU, GPU),) if gpu else ()))
         for name, quality in QUALITIES.items()
     ]
     return BenchmarkCase("loop", {"width": settings.loop_width}, entries)
 
 
-def memory_case(subject: Subject, settings: Settings, threads: int) -> BenchmarkCase:
-    """A large image and a sweep, each in a process of its own."""
+def memory_case(subject: Subject, settings: Settings, threads: int, gpu: bool = False) -> BenchmarkCase:
+    """A large image and a sweep, each in a process of its own, and again on a ``gpu``."""
     width = settings.memory_width
-    image = _typical(subject, width, threads)
-    entries = [CaseEntry({"what": f"image, {width} wide"}, DEFAULT, image, once=True, fresh=True)]
-    if subject.lidar is not None:
-        entries.append(
-            CaseEntry({"what": "sweep"}, DEFAULT, replace(image, sensor=subject.lidar, width=0), once=True, fresh=True)
-        )
+    image, entries = _typical(subject, width, threads), list[CaseEntry]()
+    for process, tracer, by in ((DEFAULT, "compiled", ""), *(((GPU, GPU, ", GPU"),) if gpu else ())):
+        asked = replace(image, setup=replace(image.setup, tracer=tracer))
+        entries.append(CaseEntry({"what": f"image, {width} wide{by}"}, process, asked, once=True, fresh=True))
+        if subject.lidar is not None:
+            sweep = replace(asked, sensor=subject.lidar, width=0)
+            entries.append(CaseEntry({"what": f"sweep{by}"}, process, sweep, once=True, fresh=True))
     return BenchmarkCase("memory", {}, entries)

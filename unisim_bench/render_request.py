@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from unisim_blender.core import cuda_driver
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.prepare.replay import aligned_log, replayed_drive
 from unisim_blender.core.render.captures import CaptureStates, render_image, render_sweep, states_of
@@ -29,6 +30,7 @@ from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.core.world.replay import DriveStates
 
+from .settings import GPU
 from .state_cost import AddedActors, StateCost, StepCost, open_bench_scenario, state_cost, step_cost, with_copies
 
 CORNER, WARM_COLUMNS = Region(0, 0, 8, 8), 64
@@ -38,7 +40,7 @@ CORNER, WARM_COLUMNS = Region(0, 0, 8, 8), 64
 @dataclass(frozen=True)
 class SceneSetup:
     """A scene's drive, or a log's where one is named; ``copies`` of an actor stand before or ``behind`` the camera's
-    ``view`` at ``frame``. ``tracer`` is "compiled" or "torch"."""
+    ``view`` at ``frame``. ``tracer`` is "compiled", "gpu" or "torch"."""
 
     scene: Path
     view: str
@@ -73,7 +75,8 @@ class RenderRequest:
 class Measurement:
     """``seconds`` are of what was rendered. ``sensor_rays`` are as many as the whole sensor has, ``rays`` as many as
     were traced. ``pieces`` are images (h, w, 3) of the regions, or one array (beams, columns) of depths in metres, 0
-    where there is none. ``peak_bytes`` is the most that this process has held so far. Of actors added there is ``state``,
+    where there is none. ``peak_bytes`` is the most that this process has held so far, on a GPU ``gpu_bytes``.
+    Of actors added there is ``state``,
     and ``seconds`` are processor time; of the closed loop there is ``step``."""
 
     seconds: float
@@ -85,6 +88,7 @@ class Measurement:
     pieces: list[NDArray[np.float32]]
     state: StateCost | None = None
     step: StepCost | None = None
+    gpu_bytes: int = 0
 
 
 class RenderSession:
@@ -122,7 +126,7 @@ class RenderSession:
 
     def _steps(self, request: RenderRequest) -> Measurement:
         setup, sensors = request.setup, (request.sensor, request.beside)
-        asked = setup.scene, setup.log, sensors, request.width
+        asked = setup.scene, setup.log, sensors, request.width, "cuda" if setup.tracer == GPU else "cpu"
         if asked not in self._simulated:
             self._simulated[asked] = open_bench_scenario(*asked)
         cost = step_cost(self._simulated[asked], request.quality, request.steps)
@@ -135,7 +139,7 @@ class RenderSession:
         drive = header.drive
         if setup.log is not None:
             drive = replayed_drive(header, aligned_log(header, open_log(setup.log)))
-        make = _torch_backend if setup.tracer == "torch" else _compiled_backend
+        make = {"torch": _torch_backend, GPU: _gpu_backend}.get(setup.tracer, _compiled_backend)
         # a decoder keeps the threads that it was made with
         loaded = self._scenes.setdefault((setup.scene, setup.tracer, setup.threads), Loaded())
         if setup.copies:
@@ -147,6 +151,10 @@ class RenderSession:
 
 def _compiled_backend(scene: Scene, others: Mapping[str, Scene], loaded: Loaded) -> Backend:
     return load_backend(scene, others, loaded=loaded)
+
+
+def _gpu_backend(scene: Scene, others: Mapping[str, Scene], loaded: Loaded) -> Backend:
+    return load_backend(scene, others, device="cuda", loaded=loaded)
 
 
 def _torch_backend(scene: Scene, others: Mapping[str, Scene], loaded: Loaded) -> Backend:
@@ -168,8 +176,16 @@ def _rendered(renderer: Renderer, states: CaptureStates, request: RenderRequest)
     else:
         pieces, sensor_rays = _sweep(renderer, states, request, stats)
     seconds = time.perf_counter() - begun
+    on_gpu = cuda_driver.gpu(0).peak_bytes if request.setup.tracer == GPU else 0
     return Measurement(
-        seconds, sensor_rays, stats.rays, stats.samples_spent, stats.actors_skipped, peak_bytes(), pieces
+        seconds,
+        sensor_rays,
+        stats.rays,
+        stats.samples_spent,
+        stats.actors_skipped,
+        peak_bytes(),
+        pieces,
+        gpu_bytes=on_gpu,
     )
 
 

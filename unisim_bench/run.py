@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from unisim_blender.core import native
+from unisim_blender.core import cuda_driver, native
 from unisim_blender.core.evaluation.recorded import finite
 from unisim_blender.core.files import holds_out, write_file
 from unisim_blender.core.formats.readers import open_log
@@ -68,6 +68,7 @@ def machine(variant: str) -> dict[str, object]:
         "cores": cores(),
         "load": [round(x, 2) for x in os.getloadavg()] if hasattr(os, "getloadavg") else None,
         "system": platform.platform(terse=True),
+        "gpu": "" if cuda_driver.unusable() else cuda_driver.gpu(0).name,
         "variant": variant,
         "kernels": native.ABI_VERSION,
         "python": platform.python_version(),
@@ -129,9 +130,10 @@ def run_bench(
             f"{name}, which this processor or build does not have" for name in VARIANTS if variants[name] != name
         ]
         left_out += [] if torch else ["torch, which is not installed"]
+        left_out += [f"rows of a GPU: {why}"] if (why := cuda_driver.unusable()) else []
         for what in left_out:
             say(f"Left out: {what}.")
-        cases = all_cases(subjects, all_methods(variants, cores(), torch), settings)
+        cases = all_cases(subjects, all_methods(variants, cores(), torch, gpu=not why), settings)
         with Bar(total=turns(cases, settings.rounds), unit="render", dynamic_ncols=True, disable=quiet) as bar:
             measure(cases, processes, settings.rounds, bar.set_description, bar.update)
         complete = True

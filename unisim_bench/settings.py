@@ -49,10 +49,13 @@ QUICK = Settings(
 VARIANTS = ("portable", "avx2", "avx512")
 DEFAULT = "native"
 """The process whose instruction set the library chose itself."""
+GPU = "gpu"
+"""The tracer of a GPU by its native kernels, and the process that it runs in."""
 EAGER, KERNELS = "torch eager", "torch with kernels"
 ENVIRONMENTS = {
     DEFAULT: {},
     KERNELS: {},
+    GPU: {},
     EAGER: {"UNISIM_NATIVE": "0"},
     **{variant: {"UNISIM_NATIVE_VARIANT": variant} for variant in VARIANTS},
 }
@@ -86,9 +89,9 @@ def has_torch() -> bool:
     return find_spec("torch") is not None
 
 
-def all_methods(variants: dict[str, str], threads: int, torch: bool) -> list[BenchmarkMethod]:
-    """Methods for processes whose instruction sets are ``variants``. One that another has already is
-    not measured again."""
+def all_methods(variants: dict[str, str], threads: int, torch: bool, gpu: bool = False) -> list[BenchmarkMethod]:
+    """Methods for processes whose instruction sets are ``variants``, and for a GPU where there is one. One that another has
+    already is not measured again."""
     own = variants[DEFAULT]
     methods = [
         BenchmarkMethod(f"native {name}", DEFAULT, "compiled", quality, own, threads)
@@ -100,6 +103,10 @@ def all_methods(variants: dict[str, str], threads: int, torch: bool) -> list[Ben
         if variants.get(variant) == variant and variant != own:
             name = f"native {TYPICAL}, {variant}"
             methods.append(BenchmarkMethod(name, variant, "compiled", QUALITIES[TYPICAL], variant, threads))
+    if gpu:
+        methods += [
+            BenchmarkMethod(f"GPU {name}", GPU, GPU, quality, own, threads) for name, quality in QUALITIES.items()
+        ]
     if torch:
         # every pixel by a ray of its own: what the others are held against
         every = replace(QUALITIES[TYPICAL], lattice=1)

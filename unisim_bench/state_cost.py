@@ -142,7 +142,9 @@ class StepCost:
     steps: int
 
 
-def open_bench_scenario(scene: Path, log: Path | None, sensors: Sequence[str], width: int) -> OpenedScenario:
+def open_bench_scenario(
+    scene: Path, log: Path | None, sensors: Sequence[str], width: int, device: str = "cpu"
+) -> OpenedScenario:
     """Open a scene for simulations of its own drive, or of a log's. Raises `UnisimError`."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "bench.json"
@@ -151,7 +153,7 @@ def open_bench_scenario(scene: Path, log: Path | None, sensors: Sequence[str], w
         document = {"format": FORMAT, "version": 1, "name": "bench", "log": name, "edits": []}
         document["scene"] = str(scene.resolve())
         file.write_text(json.dumps(document))
-        return open_scenario(file, RenderOptions(sensors=tuple(sensors), width=width, passes=("rgb",)))
+        return open_scenario(file, RenderOptions(sensors=tuple(sensors), width=width, device=device, passes=("rgb",)))
 
 
 def step_cost(opened: OpenedScenario, quality: Quality, most_steps: int) -> StepCost | None:

@@ -76,7 +76,7 @@ class Frames:
 
         sensor = self.edited.cameras[camera]
         capture = Capture.of_frame(sensor, frame) if frame is not None else Capture.at(sensor, _microseconds(time_s))
-        return cast("CameraFrame", self._render(capture))
+        return cast("CameraFrame", self._render(capture)())
 
     def sweep(self, lidar: str, frame: int | None = None, time_s: float | None = None) -> LidarFrame:
         """Render the sweep of a LiDAR: of a frame of the log, or that ends at a time in seconds from its first frame."""
@@ -84,7 +84,7 @@ class Frames:
 
         sensor = self.edited.lidars[lidar]
         capture = Capture.of_frame(sensor, frame) if frame is not None else Capture.at(sensor, _microseconds(time_s))
-        return cast("LidarFrame", self._render(capture))
+        return cast("LidarFrame", self._render(capture)())
 
 
 def render(

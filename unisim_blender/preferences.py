@@ -27,7 +27,7 @@ class UniSimPreferences(bpy.types.AddonPreferences):
 
     interpreter: StringProperty(
         name="Renderer's Python",
-        description="Python interpreter with torch, for training and GPU rendering; Blender's own renders on the CPU if empty",
+        description="Python interpreter with torch, for training; Blender's own renders if empty",
         subtype="FILE_PATH",
     )
     device: EnumProperty(name="Device", description="Device that the renderer uses", items=DEVICES, default="auto")

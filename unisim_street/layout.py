@@ -48,10 +48,12 @@ _SIDE_STREET_M = 45.0
 
 @dataclass(frozen=True)
 class Layout:
-    """Contents of the street that a seed generates. Assets by actor uid; actors and lamps (L, 3) in the street's frame."""
+    """Contents of the street that a seed generates. Assets by actor uid; actors and lamps (L, 3) in the street's frame. The
+    last ``thin`` parts of ``static`` are wires, masts, railings and fences."""
 
     plan: RoadPlan
     static: Asset
+    thin: int
     assets: dict[str, Asset]
     actors: dict[str, Actor]
     lamps: FloatArray
@@ -76,6 +78,7 @@ def lay_out(
     traffic_leaves: bool = False,
     kind: Kind = "straight",
     people: int = 0,
+    thin: bool = False,
 ) -> Layout:
     """The layout of a seed, long enough for a drive of that many frames.
 
@@ -113,7 +116,9 @@ def lay_out(
     lamps = [
         course.pose(x) @ [*furniture.lamp_tip(_kerb(x, side), -side), 1.0] for x, side in _lamp_posts(plan, travel)
     ]
-    return Layout(plan, Asset("static", tuple(parts)), assets, actors, np.stack(lamps)[:, :3])
+    thin_parts = _thin_things(plan, travel) if thin else []
+    static = Asset("static", (*parts, *thin_parts))
+    return Layout(plan, static, len(thin_parts), assets, actors, np.stack(lamps)[:, :3])
 
 
 def _kerb(x: float, side: float) -> FloatArray:
@@ -225,6 +230,33 @@ def _furniture(rng: np.random.Generator, plan: RoadPlan, travel: float, work_x: 
     parts += stood(furniture.hydrant(np.array([travel * 0.5 + 9.0, -kerb_y, KERB_HEIGHT_M])), travel * 0.5 + 9.0)
     skip = furniture.skip_container(np.array([work_x + 5.6, -PARKED_Y_M, 0.0]), "#b98a1e")
     parts += stood(skip, work_x + 5.6)
+    return parts
+
+
+def _thin_things(plan: RoadPlan, travel: float) -> list[AssetPart]:
+    """Masts with wires along and across the street, railings at the kerb, fences before houses."""
+    parts: list[AssetPart] = []
+    side_y, length = HALF_STREET_WIDTH_M - 0.5, 24.0
+    kerb_y = HALF_ROAD_WIDTH_M + 0.3
+
+    def clear(x: float, room: float) -> bool:
+        return not plan.crossing[0] - room < x < plan.crossing[1] + 4.0
+
+    for number, x in enumerate(np.arange(-36.0, travel + 60.0, length)):
+        group: list[AssetPart] = []
+        if clear(float(x), 4.0):
+            group += furniture.mast(np.array([x, side_y, KERB_HEIGHT_M]))
+            group += furniture.mast(np.array([x, -side_y, KERB_HEIGHT_M]))
+            group += furniture.wire(np.array([x, -side_y, 7.2]), np.array([x, side_y, 7.2]), 0.3)
+        for y, z in ((side_y, 7.4), (side_y, 6.8), (-side_y, 7.4)):
+            group += furniture.wire(np.array([x, y, z]), np.array([x + length, y, z]))
+        side = 1.0 if number % 2 else -1.0
+        if clear(float(x) + 6.0, 14.0):
+            at = np.array([x + 5.0, side * kerb_y, KERB_HEIGHT_M])
+            group += furniture.bars(at, 9.0, 1.05, 1.5, 0.022, (0.5, 1.03), "#8d9293")
+            at = np.array([x + 4.0, -side * (side_y - 0.4), KERB_HEIGHT_M])
+            group += furniture.bars(at, 8.0, 1.15, 0.16, 0.009, (0.15, 1.05), "#202822")
+        parts += plan.course.stood(group, float(x))
     return parts
 
 

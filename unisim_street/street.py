@@ -81,7 +81,7 @@ class Recipe:
 
     engine: who draws its images, one of `ENGINES`; paths: how many paths a pixel Cycles traces. lens: its cameras', one of
     `STREET_LENSES`. speed_m_s: the drive's; turns_deg: bends of the street, to the left where positive, see `Course`.
-    kind: one of `KINDS`.
+    kind: one of `KINDS`. thin: whether it has wires, masts, railings and fences.
     """
 
     seed: int = 0
@@ -97,6 +97,7 @@ class Recipe:
     turns_deg: tuple[float, ...] = ()
     kind: Kind = "straight"
     people: int = 0
+    thin: bool = False
 
     def __post_init__(self) -> None:
         wholes = (
@@ -133,6 +134,8 @@ class Recipe:
             raise LogError("a curve is drawn by the exact engine alone")
         if self.engine != "exact" and (turns or speed != SPEED_M_S):
             raise LogError("a street with turns or another speed is drawn by the exact engine alone")
+        if not isinstance(self.thin, bool):
+            raise LogError(f"a street's thin is true or false, not {short(self.thin)}")
         if self.engine not in ENGINES:
             raise LogError(f"a street's engine is {' or '.join(ENGINES)}, not {short(self.engine)}")
         if not isinstance(self.lens, str) or self.lens not in STREET_LENSES:
@@ -165,6 +168,8 @@ class Street:
     assets: dict[str, Asset]
     light: Light = DAY
     others: Mapping[str, Street] = field(default_factory=dict)
+    thin: int = 0
+    """How many of the last parts of ``static`` are wires, masts, railings and fences."""
 
     def ground_height(self, points_xy: FloatArray) -> FloatArray:
         """The known ground's height (N,) at x, y (N, 2), street frame."""
@@ -190,13 +195,27 @@ def build_street(
     turns_deg: tuple[float, ...] = (),
     kind: Kind = "straight",
     people: int = 0,
+    thin: bool = False,
 ) -> Street:
     """The street of a recipe, and its recorded drive; the same arguments give the same street, to the bit."""
     turns = tuple(turns_deg)
     recipe = Recipe(
-        seed, frames, width, height, tuple(cameras), range_noise_m, engine, paths, lens, speed_m_s, turns, kind, people
+        seed,
+        frames,
+        width,
+        height,
+        tuple(cameras),
+        range_noise_m,
+        engine,
+        paths,
+        lens,
+        speed_m_s,
+        turns,
+        kind,
+        people,
+        thin,
     )
-    layout = lay_out(seed, frames, speed_m_s, recipe.turns_deg, not recipe.is_usual, kind, people)
+    layout = lay_out(seed, frames, speed_m_s, recipe.turns_deg, not recipe.is_usual, kind, people, thin)
     course = layout.plan.course
     times = FRAME_S * np.arange(frames)
     time_s = {frame: float(times[frame]) for frame in range(frames)}
@@ -224,11 +243,14 @@ def build_street(
     )
     light = night(layout.lamps) if kind == "night" else DAY
     if engine == "exact":
-        return Street(recipe, drive, layout.plan, layout.plan.asset(), layout.static, layout.assets, light)
+        return Street(
+            recipe, drive, layout.plan, layout.plan.asset(), layout.static, layout.assets, light, thin=layout.thin
+        )
     from .assets.meshed import meshed, meshed_ground  # scipy's, which a street of solids in logs can do without
 
     assets = {uid: meshed(asset) for uid, asset in layout.assets.items()}
-    return Street(recipe, drive, layout.plan, meshed_ground(layout.plan), meshed(layout.static), assets, light)
+    ground, static = meshed_ground(layout.plan), meshed(layout.static)
+    return Street(recipe, drive, layout.plan, ground, static, assets, light, thin=layout.thin)
 
 
 def _camera(
@@ -258,6 +280,7 @@ def recipe_document(recipe: Recipe) -> dict[str, Any]:
         ("turns_deg", []),
         ("kind", KINDS[0]),
         ("people", 0),
+        ("thin", False),
     ):
         if document[name] == usual:
             del document[name]  # as programs from before these were there read and wrote it

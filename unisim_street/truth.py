@@ -144,6 +144,17 @@ def exact_image(world: StreetWorld, camera: Camera, time_s: float, samples: int 
     return image
 
 
+def thin_share(world: StreetWorld, thin: int, camera: Camera, time_s: float, samples: int = 4) -> FloatArray:
+    """Return the shares (H, W) of an image's pixels that wires, masts, railings and fences cover, the last ``thin`` parts of what
+    stands in the street, of samples x samples rays a pixel."""
+    first, rows_of = len(world.placements[STATIC_PLACEMENT].asset.parts) - thin, []
+    for rows in strips(camera, samples):
+        view = trace_view(world, camera, time_s, samples, rows, painted=False)
+        covered = (view.hits.placement == STATIC_PLACEMENT) & (view.hits.part >= first)
+        rows_of.append(_average(_image(covered.reshape(-1), view), samples)[..., 0])
+    return np.concatenate(rows_of)
+
+
 @dataclass(frozen=True)
 class SeenColours:
     """What rays in bundles (B, K) see: display-referred sRGB (B, K, 3) in 0..1, distances, inf where nothing is hit, normals
@@ -345,7 +356,7 @@ def echoes(world: StreetWorld, origins: FloatArray, directions: FloatArray, time
     return Echoes(hits.t, intensity.reshape(shape), returned.reshape(shape), instance)
 
 
-GROUND_PLACEMENT = 0
+GROUND_PLACEMENT, STATIC_PLACEMENT = 0, 1
 """Number of the ground's placement; static objects, copies of them and the actors follow."""
 
 

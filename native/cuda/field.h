@@ -38,6 +38,18 @@ UNISIM_DEVICE inline float float_of(uint16_t h) {
     return h & 0x8000 ? -x : x;
 }
 
+// Four numbers; where they lie at a multiple of their size, as rows of tables do, a GPU loads them at once.
+template <class T> struct alignas(4 * sizeof(T)) Four {
+    T a, b, c, d;
+};
+template <class T> UNISIM_DEVICE inline Four<T> load_four(const T *at) {
+#if defined(__CUDA_ARCH__)
+    return *reinterpret_cast<const Four<T> *>(at);
+#else
+    return {at[0], at[1], at[2], at[3]};
+#endif
+}
+
 // The cell of one level of a grid in which a point x of the unit cube lies: its lower vertex, and the fractions behind it.
 struct GridCell {
     uint32_t lower[3];
@@ -86,14 +98,22 @@ UNISIM_DEVICE inline void encode(const unisim_grid &g, const T *tables, int32_t 
         for (int corner = 0; corner < 8; ++corner) {
             const float weight = cell.weight(corner);
             const T *values = base + static_cast<int64_t>(cell.row(corner, sy, sz, mask)) * features;
-            for (int f = 0; f < features; ++f) sum[f] += weight * float_of(values[f]);
+            if constexpr (FEATURES == 4) {
+                const Four<T> row = load_four(values);
+                sum[0] += weight * float_of(row.a);
+                sum[1] += weight * float_of(row.b);
+                sum[2] += weight * float_of(row.c);
+                sum[3] += weight * float_of(row.d);
+            } else
+                for (int f = 0; f < features; ++f) sum[f] += weight * float_of(values[f]);
         }
     }
 }
 
 // The perceptron at one encoded point: the first output, and hidden units by weight into `units`, where that is not
-// null. INPUTS 0: as many as the network has; else exactly so many, which stay in registers.
-template <int INPUTS>
+// null. INPUTS 0: as many as the network has; else exactly so many, which stay in registers. ALIGNED: w1 lies at a multiple
+// of 16 bytes, and INPUTS are fours.
+template <int INPUTS, bool ALIGNED = false>
 UNISIM_DEVICE inline float evaluate_network(const unisim_mlp &net, const float *code, float weight, float *units) {
     const int inputs = INPUTS ? INPUTS : net.inputs;
     float first = 0;
@@ -101,7 +121,16 @@ UNISIM_DEVICE inline float evaluate_network(const unisim_mlp &net, const float *
         const float *w = net.w1 + j * inputs;
         float unit = 0;
         UNISIM_UNROLL
-        for (int i = 0; i < inputs; ++i) unit += w[i] * code[i];
+        for (int i = 0; i < inputs; i += ALIGNED ? 4 : 1) {
+            if constexpr (ALIGNED) {
+                const Four<float> of = load_four(w + i);
+                unit += of.a * code[i];
+                unit += of.b * code[i + 1];
+                unit += of.c * code[i + 2];
+                unit += of.d * code[i + 3];
+            } else
+                unit += w[i] * code[i];
+        }
         unit = unit > 0 ? unit : 0.0f;
         first += net.w2[j] * unit;
         if (units) units[j] += weight * unit;
@@ -116,7 +145,7 @@ UNISIM_CALLED float evaluate_field(const unisim_field &field, int32_t grid, cons
     if (field.half && field.grid.features == 4 && field.grid.levels == 8) {
         float code[32];
         encode<4, 8>(field.grid, static_cast<const uint16_t *>(field.table), grid, x, code);
-        return evaluate_network<32>(field.net, code, weight, units);
+        return evaluate_network<32, true>(field.net, code, weight, units);
     }
     float code[MAX_INPUTS];
     if (field.half)

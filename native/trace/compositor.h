@@ -31,6 +31,8 @@ class Compositor {
         tile_.each([&](auto &b) {
             find_transmittances_alone(b);
             for (int p = 0; p < b.count; ++p) {
+                // what absorbs less than float32 resolves changes nothing behind it
+                if (b.total_depth[static_cast<size_t>(p)] < 1e-8f) continue;
                 tile_.segments[b.ray[p]].push_back({&b, p});
                 has_foreign_[b.ray[p]] |= b.foreign;
             }
@@ -49,12 +51,8 @@ class Compositor {
                 any_foreign = true;
                 continue;
             }
-            const Samples &b = *all[0].segments;
-            float depth = 0;
-            if (all.size() > 1)
-                depth = merge_by_depth(all, next_, stops_);
-            else
-                for (int k = 0; k < b.samples; ++k) depth += b.tau[b.number(k, all[0].p)];
+            const float depth = all.size() > 1 ? merge_by_depth(all, next_, stops_)
+                                               : all[0].segments->total_depth[static_cast<size_t>(all[0].p)];
             sums.transmittance[r] = sums.transmittance_without_foreign[r] = std::exp(-depth);
         }
         clear_sums();

@@ -41,7 +41,7 @@ class Passes {
                 for (int k = 0; k < b.samples; ++k) {
                     const size_t i = b.number(k, p);
                     const float before = b.transmittance_before[i];
-                    if (before > wanted && before * std::exp(-b.tau[i]) <= wanted)
+                    if (before > wanted && before * exp_of(-b.tau[i]) <= wanted)
                         depth[b.ray[p]] = crossing(b, p, k, wanted);
                 }
             }

@@ -9,6 +9,7 @@ import pytest
 
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.geometry import FloatArray, Trajectory, transform_points
+from unisim_blender.core.render.changes import changed_actors
 from unisim_blender.core.world.drive import Actor
 from unisim_blender.core.world.encoding import decode_state, encode_state
 from unisim_blender.core.world.replay import DriveStates
@@ -119,3 +120,6 @@ def test_a_state_differs_where_a_person_has_come_a_longer_way(street: Street) ->
 
     assert replace(state, actors=further("car-01")) == state
     assert replace(state, actors=further("person-01")) != state
+    camera = street.drive.cameras["front_camera"]
+    for uid, changed in (("car-01", 0), ("person-01", 2)):
+        assert len(changed_actors(state, replace(state, actors=further(uid)), camera)) == changed

@@ -9,6 +9,8 @@
 #include <mutex>
 #include <string>
 #include <sys/mman.h>
+#include <tuple>
+#include <vector>
 
 #define __global__
 #define __launch_bounds__(...)
@@ -56,15 +58,34 @@ bool is_foreign(const char *at) {
     return value >= 0x550000000000 && value < 0x800000000000 && !(p >= arena && p < arena + SIZE);
 }
 
-// A kernel with the arguments that a launch points to. Those of training have torch's tensors, which are the CPU's here.
-using Call = std::function<void(void **)>;
+// What was launched and copied: done as late as a driver may, when the host waits. The one stream's work is first, and copies
+// of the other, which must have waited for the launches, are last.
+std::vector<std::function<int()>> launched, copied;
+size_t launch_count = 0, launches_before_event = 0, launches_waited_for = 0;
+
+int wait() {
+    int fault = 0;
+    for (auto *queue : {&launched, &copied}) {
+        for (const auto &work : *queue)
+            if (const int code = work(); code && !fault) fault = code;
+        queue->clear();
+    }
+    return fault;
+}
+
+// A kernel with copies of the arguments that a launch points to. Those of training have torch's tensors, which are the CPU's
+// here, and run at once.
+using Call = std::function<std::function<void()>(void **)>;
 struct Kernel {
     Call call;
     bool of_torch = false;
 };
 template <class... Arguments, size_t... At>
 Call call_of(void (*function)(Arguments...), std::index_sequence<At...>) {
-    return [function](void **of) { function(*static_cast<std::decay_t<Arguments> *>(of[At])...); };
+    return [function](void **of) {
+        const auto copies = std::make_tuple(*static_cast<std::decay_t<Arguments> *>(of[At])...);
+        return [function, copies] { std::apply(function, copies); };
+    };
 }
 template <class... Arguments> Kernel kernel_of(void (*function)(Arguments...), bool of_torch = false) {
     return {call_of(function, std::index_sequence_for<Arguments...>()), of_torch};
@@ -102,7 +123,14 @@ EXPORT int cuDeviceGet(int *device, int number) { return *device = number, numbe
 EXPORT int cuDeviceGetName(char *name, int size, int) { return std::snprintf(name, size, "a CPU"), 0; }
 EXPORT int cuDevicePrimaryCtxRetain(void **context, int) { return *context = &allocated, 0; }
 EXPORT int cuCtxSetCurrent(void *context) { return context == &allocated ? 0 : 201; }
-EXPORT int cuCtxSynchronize() { return 0; }
+EXPORT int cuStreamCreate(void **stream, unsigned) { return *stream = &copied, 0; }
+EXPORT int cuEventCreate(void **event, unsigned) { return *event = new char, 0; }
+EXPORT int cuEventRecord(void *, void *stream) {
+    if (!stream) launches_before_event = launch_count;
+    return 0;
+}
+EXPORT int cuStreamWaitEvent(void *, void *, unsigned) { return launches_waited_for = launches_before_event, 0; }
+EXPORT int cuEventSynchronize(void *) { return wait(); }
 // Machine code of another GPU, of which the driver says so: data that begins with "of another GPU".
 EXPORT int cuModuleLoadData(void **module, const void *data) {
     *module = &mutex;
@@ -138,6 +166,7 @@ EXPORT int cuMemAlloc_v2(void **address, size_t size) {
     return 0;
 }
 EXPORT int cuMemFree_v2(void *address) {
+    wait();
     const std::lock_guard<std::mutex> lock(mutex);
     const auto at = allocated.find(static_cast<char *>(address));
     if (at == allocated.end()) return 1;
@@ -145,43 +174,63 @@ EXPORT int cuMemFree_v2(void *address) {
     allocated.erase(at);
     return 0;
 }
-EXPORT int cuMemcpyHtoD_v2(void *to, const void *from, size_t size) {
+static int copy(void *to, const void *from, size_t size, const void *on_gpu) {
     const Opened opened;
-    if (!is_allocated(to, size)) return 700;
+    if (!is_allocated(on_gpu, size)) return 700;
     std::memcpy(to, from, size);
     return 0;
+}
+EXPORT int cuMemcpyHtoD_v2(void *to, const void *from, size_t size) {
+    const int fault = wait();
+    return fault ? fault : copy(to, from, size, to);
 }
 EXPORT int cuMemcpyDtoH_v2(void *to, const void *from, size_t size) {
-    const Opened opened;
-    if (!is_allocated(from, size)) return 700;
-    std::memcpy(to, from, size);
+    const int fault = wait();
+    return fault ? fault : copy(to, from, size, from);
+}
+EXPORT int cuMemcpyHtoDAsync_v2(void *to, const void *from, size_t size, void *) {
+    launched.push_back([=] { return copy(to, from, size, to); });
     return 0;
 }
-EXPORT int cuMemcpyDtoHAsync_v2(void *to, const void *from, size_t size, void *) {
-    return cuMemcpyDtoH_v2(to, from, size);
+EXPORT int cuMemcpyDtoHAsync_v2(void *to, const void *from, size_t size, void *stream) {
+    if (stream != &copied || launches_waited_for < launch_count) return 700;
+    copied.push_back([=] { return copy(to, from, size, from); });
+    return 0;
 }
 EXPORT int cuMemAllocHost_v2(void **address, size_t size) { return *address = std::malloc(size), 0; }
 EXPORT int cuMemsetD8_v2(void *to, unsigned char value, size_t size) {
-    const Opened opened;
-    if (!is_allocated(to, size)) return 700;
-    std::memset(to, value, size);
+    launched.push_back([=] {
+        const Opened opened;
+        if (!is_allocated(to, size)) return 700;
+        std::memset(to, value, size);
+        return 0;
+    });
     return 0;
 }
 EXPORT int cuLaunchKernel(void *function, unsigned blocks, unsigned, unsigned, unsigned threads, unsigned, unsigned,
                           unsigned, void *, void **arguments, void **) {
-    const Opened opened;
     const auto &[name, kernel] = *static_cast<decltype(kernels)::value_type *>(function);
     ++launches[name];
-    // pointers of the process's own memory would be the GPU's fault
-    const char *inputs = static_cast<const char *>(arguments[0]);
-    for (size_t i = 0; !kernel.of_torch && i + 8 <= std::min(sizeof(TraceInputs), sizeof(ImageInputs)); i += 8)
-        if (is_foreign(inputs + i)) return 700;
-    for (const auto &[begin, size] : allocated)
-        for (size_t i = 0; !kernel.of_torch && size < 4096 && i + 8 <= size; i += 8)
-            if (is_foreign(begin + i)) return 700;
-    gridDim.x = blocks;
-    blockDim.x = threads;
-    for (blockIdx.x = 0; blockIdx.x < blocks; ++blockIdx.x)
-        for (threadIdx.x = 0; threadIdx.x < threads; ++threadIdx.x) kernel.call(arguments);
+    ++launch_count;
+    const bool of_torch = kernel.of_torch;
+    launched.push_back([=, run = kernel.call(arguments),
+                        // the longest arguments, which come first
+                        inputs = std::vector<char>(static_cast<char *>(arguments[0]),
+                                                   static_cast<char *>(arguments[0]) +
+                                                       (of_torch ? 0 : std::min(sizeof(TraceInputs), sizeof(ImageInputs))))] {
+        const Opened opened;
+        // pointers of the process's own memory would be the GPU's fault
+        for (size_t i = 0; i + 8 <= inputs.size(); i += 8)
+            if (is_foreign(inputs.data() + i)) return 700;
+        for (const auto &[begin, size] : allocated)
+            for (size_t i = 0; !of_torch && size < 4096 && i + 8 <= size; i += 8)
+                if (is_foreign(begin + i)) return 700;
+        gridDim.x = blocks;
+        blockDim.x = threads;
+        for (blockIdx.x = 0; blockIdx.x < blocks; ++blockIdx.x)
+            for (threadIdx.x = 0; threadIdx.x < threads; ++threadIdx.x) run();
+        return 0;
+    });
+    if (of_torch) return wait();
     return 0;
 }

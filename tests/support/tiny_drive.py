@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -110,6 +112,10 @@ class FakeRenderer:
                 rays=depth.size, samples_spent=10 + frame, samples_saved=5, seconds={"march": time.monotonic()}
             ),
         )
+
+    def start(self, *asked: Any) -> Callable[[], CameraFrame | LidarFrame]:
+        """See `Renderer.start`."""
+        return partial(self.render, *asked)
 
     def render(
         self,

@@ -119,7 +119,8 @@ def _loop(case: BenchmarkCase) -> dict[str, Any]:
 
 def _memory(case: BenchmarkCase) -> dict[str, Any]:
     entries = [
-        _median(entry) | {"peak_mb": entry.measurements[0].peak_bytes / 1e6}
+        _median(entry)
+        | {"peak_mb": entry.measurements[0].peak_bytes / 1e6, "gpu_mb": entry.measurements[0].gpu_bytes / 1e6}
         for entry in case.entries
         if entry.measurements
     ]

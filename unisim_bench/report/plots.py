@@ -17,7 +17,8 @@ from .metrics import FRONT, front_of
 PlotRow = dict[str, Any]
 Draw = Callable[[Axes, dict[str, Any]], None]
 DPI = 110
-COLOURS = {"compiled": "tab:blue", "torch": "tab:red"}
+STYLES = {"compiled": ("o", "tab:blue"), "gpu": ("D", "tab:green"), "torch": ("s", "tab:red")}
+"""Marks and colours by tracer."""
 LEAST = {"delta_e": 1e-3, "median_mm": 1e-3, "p90_mm": 1e-2, "p99_mm": 1e-2}
 """An error of nothing has no place on an axis of logarithms: it is drawn here."""
 OFFSETS = [(8, 3), (8, -11), (-8, 3), (-8, -11), *((x, y) for x in (10, -10) for y in (16, -24, 28, -36, 40, -48))]
@@ -86,10 +87,8 @@ def _against_time(panels: list[tuple[dict[str, Any], str, str]], what: str) -> b
         )
         axes.legend(loc="upper right", frameon=False)
         for x, y, row, best in drawn:
-            style = "o" if row["tracer"] == "compiled" else "s"
-            axes.plot(
-                x, y, style, color=COLOURS[row["tracer"]], markersize=7, markerfacecolor=None if best else "white"
-            )
+            style, colour = STYLES[row["tracer"]]
+            axes.plot(x, y, style, color=colour, markersize=7, markerfacecolor=None if best else "white")
         # room for labels on the right
         left, right = axes.get_xlim()
         axes.set_xlim(left, right * (right / left) ** 0.12)

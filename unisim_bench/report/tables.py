@@ -56,7 +56,8 @@ def markdown(document: dict[str, Any]) -> str:
     packages = ", ".join(f"{name} {release}" for name, release in m["packages"].items() if release)
     lines = [
         "# Run time against error", "",
-        f"{m['processor']}, {m['cores']} cores, {m['system']}; kernels {m['variant']}; Python {m['python']}, {packages}; "
+        f"{m['processor']}, {m['cores']} cores, {m['system']}; {m['gpu'] and m['gpu'] + '; '}"
+        f"kernels {m['variant']}; Python {m['python']}, {packages}; "
         f"commit {m['commit'] or 'unknown'}. Load when it began: {m['load']}.", "",
         f"Scene {document['scene']}. Medians of {document['settings']['rounds']} rounds in which all take turns. What is scaled "
         "was rendered in the compared windows alone, and its time multiplied by rays. In bold what nothing else beats in both "
@@ -173,6 +174,8 @@ def _loop(case: TableLine) -> list[str]:
 
 def _memory(case: TableLine) -> list[str]:
     columns: list[FigureColumn] = [("what", lambda row: row["what"]), ("most resident memory, MB", key("peak_mb"))]
+    if any(row["gpu_mb"] for row in case["entries"]):
+        columns.append(("most of the GPU's, MB", lambda row: number(row["gpu_mb"]) if row["gpu_mb"] else "–"))
     return ["## Memory of a fresh process", "", *table_lines(columns, case["entries"])]
 
 

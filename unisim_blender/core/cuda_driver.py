@@ -11,7 +11,7 @@ import functools
 import hashlib
 import sys
 import weakref
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,8 @@ template <class T> __host__ __device__ constexpr const T &max(const T &a, const 
 """What NVRTC lacks of C++'s own headers."""
 LIBRARY = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
 """The driver's own library, which a machine with a GPU has."""
+NON_BLOCKING, NO_TIMES = 1, 2
+"""The driver's flags of a stream that waits for no other, and of an event that measures nothing."""
 BLOCK = 128
 """Threads of a block."""
 CAPABILITY = 75, 76
@@ -72,7 +74,9 @@ def driver() -> ctypes.CDLL | None:
     library.cuMemFree_v2.argtypes = [p]
     library.cuMemcpyHtoD_v2.argtypes = [p, p, size]
     library.cuMemcpyDtoH_v2.argtypes = [p, p, size]
-    library.cuMemcpyDtoHAsync_v2.argtypes = [p, p, size, p]
+    library.cuMemcpyDtoHAsync_v2.argtypes = library.cuMemcpyHtoDAsync_v2.argtypes = [p, p, size, p]
+    library.cuStreamWaitEvent.argtypes, library.cuEventRecord.argtypes = [p, p, ctypes.c_uint], [p, p]
+    library.cuEventSynchronize.argtypes = [p]
     library.cuMemsetD8_v2.argtypes = [p, ctypes.c_ubyte, size]
     library.cuLaunchKernel.argtypes = [p, *([ctypes.c_uint] * 7), p, p, p]
     if library.cuInit(0) or library.cuDeviceGetCount(ctypes.byref(count)) or not count.value:
@@ -172,6 +176,11 @@ class Gpu:
         name = ctypes.create_string_buffer(256)
         self.call("cuDeviceGetName", name, len(name), device)
         self.name = name.value.decode()
+        self._copies = ctypes.c_void_p()
+        self.call("cuStreamCreate", ctypes.byref(self._copies), NON_BLOCKING)
+        self._events: list[ctypes.c_void_p] = []
+        self._held_bytes = self.peak_bytes = 0
+        """The most that was allocated of its memory at a time, bytes."""
         self._spare: dict[int, list[int]] = {}
         self._spare_pinned: dict[int, list[int]] = {}
 
@@ -237,6 +246,8 @@ class Gpu:
                 ) from error
             return self.allocate(size)
         assert address.value is not None
+        self._held_bytes += size
+        self.peak_bytes = max(self.peak_bytes, self._held_bytes)
         return address.value
 
     def give_back(self, address: int, size: int) -> None:
@@ -246,9 +257,15 @@ class Gpu:
     def trim(self) -> bool:
         """Free the memory that was given back; return whether there was some."""
         spare, self._spare = self._spare, {}
-        for address in (address for addresses in spare.values() for address in addresses):
-            self.call("cuMemFree_v2", address)
+        for size, addresses in spare.items():
+            for address in addresses:
+                self.free(address, size)
         return any(spare.values())
+
+    def free(self, address: int, size: int) -> None:
+        """Free memory of so many bytes."""
+        self.call("cuMemFree_v2", address)
+        self._held_bytes -= size
 
     def pinned(self, shape: tuple[int, ...], kind: type[Any]) -> NDArray[Any]:
         """Return a new array of the host's memory that a GPU copies to at full speed, of memory that earlier ones no longer
@@ -265,14 +282,25 @@ class Gpu:
         weakref.finalize(memory, self._spare_pinned.setdefault(size, []).append, address).atexit = False
         return np.frombuffer(memoryview(memory), kind, int(np.prod(shape))).reshape(shape)
 
-    def copy(self, address: int, values: NDArray[Any]) -> None:
-        """Have memory of the GPU copied into a `pinned` array, which is there after `wait`."""
-        if values.nbytes:
-            self.call("cuMemcpyDtoHAsync_v2", values.ctypes.data, address, values.nbytes, None)
+    def copy(self, copies: Iterable[tuple[int, NDArray[Any]]]) -> ctypes.c_void_p:
+        """Have memory of the GPU copied into `pinned` arrays, after what was launched and beside what is launched later. Return
+        the event for `wait`, until which neither is free for anything else."""
+        if not self._events:
+            self._events.append(ctypes.c_void_p())
+            self.call("cuEventCreate", ctypes.byref(self._events[-1]), NO_TIMES)
+        event = self._events.pop()
+        self.call("cuEventRecord", event, None)
+        self.call("cuStreamWaitEvent", self._copies, event, 0)
+        for address, values in copies:
+            if values.nbytes:
+                self.call("cuMemcpyDtoHAsync_v2", values.ctypes.data, address, values.nbytes, self._copies)
+        self.call("cuEventRecord", event, self._copies)
+        return event
 
-    def wait(self) -> None:
-        """Wait until all that was launched and copied is done."""
-        self.call("cuCtxSynchronize")
+    def wait(self, event: ctypes.c_void_p) -> None:
+        """Wait until what `copy` began is there."""
+        self.call("cuEventSynchronize", event)
+        self._events.append(event)
 
     def call(self, name: str, *arguments: Any) -> None:
         """Call a function of the driver. Raises `GpuMemoryError`, and `UnisimError` for its other errors."""
@@ -289,6 +317,14 @@ def gpu(number: int) -> Gpu:
     if isinstance(opened, UnisimError):
         raise opened
     return opened
+
+
+def unusable(number: int = 0) -> str:
+    """Return why a GPU traces no rays here, in a sentence; "" where it does."""
+    if why := missing():
+        return why
+    opened = opened_gpu(number)
+    return str(opened) if isinstance(opened, UnisimError) else ""
 
 
 @functools.cache
@@ -312,6 +348,7 @@ class GpuMemory:
 
     def __init__(self, gpu: Gpu, reuse: bool = False) -> None:
         self.gpu, self._reuse, self._addresses = gpu, reuse, list[tuple[int, int]]()
+        self._staged: list[NDArray[Any]] = []
         weakref.finalize(self, _free, gpu, reuse, self._addresses).atexit = False
 
     def __enter__(self) -> GpuMemory:
@@ -321,6 +358,11 @@ class GpuMemory:
         self.free()
 
     def free(self) -> None:
+        _free(self.gpu, self._reuse, self._addresses)
+        self._staged.clear()
+
+    def release(self) -> None:
+        """Give memory back to what is launched later, after what uses it now; what was uploaded is staged until `free`."""
         _free(self.gpu, self._reuse, self._addresses)
 
     def allocate(self, size: int, clear: bool = False) -> int:
@@ -340,7 +382,13 @@ class GpuMemory:
         else:
             source, size = ctypes.addressof(values), ctypes.sizeof(values)
         address = self.allocate(size)
-        if size:
+        if size and self._reuse:
+            # from pinned memory, which stays as it is until this is freed, the host need not wait for earlier launches
+            staged = self.gpu.pinned((size,), np.uint8)
+            ctypes.memmove(staged.ctypes.data, source, size)
+            self._staged.append(staged)
+            self.gpu.call("cuMemcpyHtoDAsync_v2", address, staged.ctypes.data, size, None)
+        elif size:
             self.gpu.call("cuMemcpyHtoD_v2", address, source, size)
         return address
 
@@ -357,4 +405,4 @@ def _free(gpu: Gpu, reuse: bool, addresses: list[tuple[int, int]]) -> None:
         if reuse:
             gpu.give_back(address, size)
         else:
-            gpu.call("cuMemFree_v2", address)
+            gpu.free(address, size)

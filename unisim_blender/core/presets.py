@@ -38,6 +38,8 @@ class LossWeights:
     unobserved: float = 0.0
     adversarial: float = 0.0
     latent: float = 0.0
+    exposure: float = 0.0
+    """Keeps images' gains near 1."""
 
 
 OUR_WEIGHTS = LossWeights(
@@ -57,6 +59,7 @@ OUR_WEIGHTS = LossWeights(
     unobserved=0.02,
     adversarial=0.001,
     latent=1e-5,
+    exposure=0.02,
 )
 
 

@@ -140,9 +140,7 @@ def report_of(chosen: str) -> str:
         *about["warnings"],
     ]
     if about["training_lacks"]:
-        said.append(
-            message("Rendering runs on the CPU; training and GPU rendering need an interpreter with torch, named above")
-        )
+        said.append(message("Training needs an interpreter with torch, named above"))
     return "\n".join([*said, *lines])
 
 

@@ -62,6 +62,34 @@ def lamp_post(at: FloatArray, toward_y: float) -> list[AssetPart]:
     ]
 
 
+WIRE_RADIUS_M = 0.012
+
+
+def mast(at: FloatArray) -> list[AssetPart]:
+    """A wooden mast of 7.5 m."""
+    return [strut(Plain("#5c4a39", 0.2), at, at + [0.0, 0.0, 7.5], 0.1, 0.075)]
+
+
+def wire(start: FloatArray, end: FloatArray, sag_m: float = 0.5, pieces: int = 8) -> list[AssetPart]:
+    """A dark wire that hangs between two points."""
+    part = np.linspace(0.0, 1.0, pieces + 1)[:, None]
+    points = start + part * (np.asarray(end) - start) - [0.0, 0.0, 4 * sag_m] * part * (1 - part)
+    dark = Plain("#1d1e20", 0.02)
+    return [strut(dark, a, b, WIRE_RADIUS_M, WIRE_RADIUS_M) for a, b in zip(points, points[1:], strict=False)]
+
+
+def bars(
+    at: FloatArray, along: float, height: float, apart: float, radius: float, rails: tuple[float, ...], color: str
+) -> list[AssetPart]:
+    """Upright bars, ``apart`` along x from ``at`` on, with rails at heights: a railing, a fence."""
+    paint, count = Plain(color, 0.05), int(along / apart) + 1
+    up, far = np.array([0.0, 0.0, height]), np.array([(count - 1) * apart, 0.0, 0.0])
+    feet = [at + [apart * number, 0.0, 0.0] for number in range(count)]
+    return [strut(paint, foot, foot + up, radius, radius) for foot in feet] + [
+        strut(paint, at + [0.0, 0.0, z], at + far + [0.0, 0.0, z], radius, radius) for z in rails
+    ]
+
+
 def tree(at: FloatArray, rng: np.random.Generator) -> list[AssetPart]:
     """A street tree in its square of soil."""
     height = rng.uniform(2.3, 2.9)

@@ -32,6 +32,7 @@ KINDS = ("straight", "night", "curve", "crossing")
     metavar="DEGREES",
     help="Bends of the street, evenly along the drive, separated by commas: to the left, negative ones to the right.",
 )
+@click.option("--thin", is_flag=True, help="Add wires, masts, railings and fences.")
 @click.option("--kind", type=click.Choice(KINDS), default="straight", show_default=True, help="Of street.")
 @click.option("--people", default=0, show_default=True, help="Who walks along the street; the second rides a bicycle.")
 @click.option("--engine", type=click.Choice(ENGINES), default="exact", show_default=True, help="Who draws the images.")
@@ -61,6 +62,7 @@ def command(
     range_noise: float,
     speed: float,
     turns: str,
+    thin: bool,
     kind: Kind,
     people: int,
     engine: str,
@@ -93,7 +95,7 @@ def command(
     except ValueError as error:
         raise click.UsageError(f"--turns {turns}: are degrees, separated by commas") from error
     street = build_street(
-        seed, frames, width, height, names, range_noise, engine, paths, lens, speed, bends, kind, people
+        seed, frames, width, height, names, range_noise, engine, paths, lens, speed, bends, kind, people, thin
     )
     write_log(street, out, jobs or os.cpu_count() or 1, progress=not quiet)
     if edits:

@@ -93,7 +93,7 @@ class Studio:
 
     def __init__(self, street: Street) -> None:
         self.workshop = Workshop(street)
-        self._painter = CyclesPainter(street.recipe.paths)
+        self._painter = CyclesPainter(street.recipe.paths, street.light)
 
     def image(self, drive: Drive, camera: str, frame: int, width: int | None = None) -> NDArray[np.uint8]:
         """An image (H, W, 3), sRGB."""

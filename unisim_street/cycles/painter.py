@@ -30,8 +30,9 @@ from unisim_blender.core.world.drive import CameraModel
 
 from ..drawing.atlas import AssetModel
 from ..drawing.image_setup import SHUTTER_KEYS, DrawnModel, ImageSetup
+from ..paint.light import DAY, Light
 from ..paint.materials import Finish
-from .surfaces import add_daylight, image_of, material_of
+from .surfaces import add_daylight, add_night, image_of, material_of
 
 TABLE_ENTRIES_PER_PIXEL = 3
 """Entries of the table a pixel, along each side: odd, for the middle of a pixel to have one. At a focal length of f pixels a ray
@@ -112,7 +113,7 @@ class CyclesPainter:
     """Renders images, one after the other; what stays between two is not loaded again. ``paths``:
     Cycles' paths a pixel."""
 
-    def __init__(self, paths: int) -> None:
+    def __init__(self, paths: int, light: Light = DAY) -> None:
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self.scene = bpy.context.scene
         self._meshes: dict[AssetModel, bpy.types.Mesh] = {}
@@ -123,7 +124,10 @@ class CyclesPainter:
         self._camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
         self.scene.collection.objects.link(self._camera)
         self.scene.camera = self._camera
-        add_daylight(self.scene)
+        if len(light.lamps):
+            add_night(self.scene, light)
+        else:
+            add_daylight(self.scene)
         self._set_up(paths)
 
     def _set_up(self, paths: int) -> None:

@@ -10,7 +10,7 @@ import mathutils
 import numpy as np
 from numpy.typing import NDArray
 
-from ..paint.light import SUN, SUN_SPREAD_RAD, clouds
+from ..paint.light import LAMP_COLOUR, LAMP_DROP_M, SUN, SUN_SPREAD_RAD, Light, clouds
 from ..paint.materials import Finish
 
 GLASS_ROUGHNESS = 0.015
@@ -96,14 +96,37 @@ CLOUD_LIGHT, MAX_CLOUD_COVER = 9.0, 0.75
 CLOUD_ROWS = 512
 
 
-def add_daylight(scene: bpy.types.Scene) -> None:
-    """Give a scene its light; the sun stands where the exact street's does."""
+NIGHT_LIGHT, LAMP_WATTS = 1.4, 1200.0
+"""Of a night's sky and moon, for each unit of the exact street's light; of a lamp."""
+
+
+def add_night(scene: bpy.types.Scene, light: Light) -> None:
+    """Give a scene a moon, a sky of one colour and lamps, where the exact street's are."""
+    moon = np.maximum(light.sun, 1e-9)
+    _add_sun(scene, NIGHT_LIGHT * float(moon.max()), tuple(moon / moon.max()))
+    for number, place in enumerate(light.lamps):
+        lamp = bpy.data.lights.new(f"lamp {number}", "POINT")
+        lamp.energy, lamp.color, lamp.shadow_soft_size = LAMP_WATTS, LAMP_COLOUR, 0.05
+        hung = bpy.data.objects.new(lamp.name, lamp)
+        hung.location = place - [0.0, 0.0, LAMP_DROP_M]
+        scene.collection.objects.link(hung)
+    world = bpy.data.worlds.new("sky")
+    scene.world = world
+    world.node_tree.nodes["Background"].inputs["Color"].default_value = (*light.horizon, 1.0)
+
+
+def _add_sun(scene: bpy.types.Scene, strength: float, colour: tuple[float, ...]) -> None:
     lamp = bpy.data.lights.new("sun", "SUN")
-    lamp.energy, lamp.color, lamp.angle = SUN_STRENGTH, SUN_COLOUR, 2 * SUN_SPREAD_RAD
+    lamp.energy, lamp.color, lamp.angle = strength, colour, 2 * SUN_SPREAD_RAD
     sun = bpy.data.objects.new("sun", lamp)
     sun.rotation_mode = "QUATERNION"
     sun.rotation_quaternion = mathutils.Vector(SUN).to_track_quat("Z", "Y")  # a sun shines along its -z
     scene.collection.objects.link(sun)
+
+
+def add_daylight(scene: bpy.types.Scene) -> None:
+    """Give a scene its light; the sun stands where the exact street's does."""
+    _add_sun(scene, SUN_STRENGTH, SUN_COLOUR)
     world = bpy.data.worlds.new("sky")
     scene.world = world
     tree = world.node_tree

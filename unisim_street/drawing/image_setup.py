@@ -169,7 +169,11 @@ def true_image_path(folder: Path, street: Street, drive: Drive, camera_id: str, 
     recipe = recipe_document(street.recipe)
     model = camera.model_at(camera.time_s[frame])
     shows: dict[str, Any] = {
-        "street": {name: recipe[name] for name in ("seed", "frames", "width", "engine", "paths", "cameras")},
+        "street": {
+            name: recipe[name]
+            for name in ("seed", "frames", "width", "engine", "paths", "cameras", "kind")
+            if name in recipe
+        },
         "camera": [model.width, model.height, model.fx, model.fy, model.cx, model.cy, model.shutter.duration_s],
         **({} if model.is_pinhole else {"lens": model.lens.to_dict()}),
         **({"axis": "columns"} if model.shutter.axis == "columns" else {}),

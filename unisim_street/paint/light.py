@@ -21,7 +21,7 @@ _EXPOSURE = 1.05
 LAMP_COLOUR = np.array([1.0, 0.74, 0.44])
 LAMP_LIGHT, LAMP_REACH_M = 45.0, 20.0
 """A lamp's light a metre away, and how far it reaches."""
-_LAMP_DROP_M, _HEAD_M, _MAX_LAMP_LIGHT = 0.15, 0.4, 40.0
+LAMP_DROP_M, _HEAD_M, _MAX_LAMP_LIGHT = 0.15, 0.4, 40.0
 """How far below its head's middle a lamp shines from; how large its head is, which it lights from below; and its most light."""
 
 
@@ -99,7 +99,7 @@ def shade(
 def lamp_light(lamp: FloatArray, points: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the light (N,) that a lamp (3,) sheds on points (N, 3) with unit normals (N, 3) if nothing stands between, and unit
     directions (N, 3) and distances (N,) to where it shines from. It shines down, and fades to nothing at `LAMP_REACH_M`."""
-    away = lamp - [0.0, 0.0, _LAMP_DROP_M] - points
+    away = lamp - [0.0, 0.0, LAMP_DROP_M] - points
     distance = np.linalg.norm(away, axis=1)
     toward = away / np.maximum(distance, 1e-6)[:, None]
     fade = np.clip(1 - (distance / LAMP_REACH_M) ** 4, 0, 1) ** 2

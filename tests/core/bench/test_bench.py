@@ -446,6 +446,7 @@ def test_numbers_have_no_exponents() -> None:
         "processor": "p",
         "cores": 1,
         "system": "s",
+        "gpu": "",
         "variant": "v",
         "python": "3",
         "packages": {},

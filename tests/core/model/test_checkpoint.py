@@ -293,6 +293,10 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
         (lambda d: d["model"]["actor_grid"].update(coarsest=0.5), "model.actor_grid has 0.5 cells along an axis"),
         (lambda d: d["training"].update(cameras=3), "training.cameras: must be an array, not 3"),
         (lambda d: d["training"].update(own_vehicle={"front": {}}), 'training.own_vehicle.front: "height" is missing'),
+        (
+            lambda d: d["training"].update(exposures={"front": {"time_s": [0]}}),
+            'training.exposures.front: "gain" is missing',
+        ),
     ],
 )
 def test_a_header_that_would_fill_the_memory_or_break_a_renderer_is_refused(

@@ -14,9 +14,11 @@ import torch
 from analytic_scene import Stage, analytic_scene, drive_of, empty, ground, still
 from driver_on_cpu import build_driver, loaded_driver, torch_on_driver
 from ops import test_composite, test_hash_grid
+from small_training import EVERYTHING, small_log
 from torch import Tensor
 from whole_drive import bound_to, whole_state
 
+from unisim_blender.core import native
 from unisim_blender.core.model.fields import query
 from unisim_blender.core.model.networks import mlp, run_mlp
 from unisim_blender.core.model.scene import SceneModel
@@ -31,6 +33,7 @@ from unisim_blender.core.render.tracers.torch.actor_tensors import active_actor_
 from unisim_blender.core.render.tracers.torch.segments import Sampling
 from unisim_blender.core.render.tracers.torch.trace import trace
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
+from unisim_blender.core.training.on_device import DeviceTrainer
 
 pytestmark = pytest.mark.skipif(shutil.which("g++") is None, reason="the driver is compiled by g++")
 LAUNCHED = (
@@ -245,3 +248,18 @@ def test_images_decoded_in_half_precision(name: str) -> None:
         patch.setattr(TorchTracer, "half", True)
         half = tracer.image(found, directions, "front", (16, 24))
     assert half.dtype == np.float32 and 0 < np.abs(half - plain).max() < 1.5 / 255
+
+
+def test_steps_of_a_training_are_those_of_plain_torch(
+    driver: ctypes.CDLL, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log, means = small_log(tmp_path / "log"), []
+    monkeypatch.setattr(native, "library", lambda: None)
+    for by_kernels in (True, False):
+        monkeypatch.setattr(gpu, "serves", lambda like, on=by_kernels: on and like.dtype == torch.float32)
+        trainer = DeviceTrainer(log, EVERYTHING)
+        means.append([trainer.step() for _ in range(10)][-1])
+    assert driver.launches_of(b"unisim_encode_table_gradient") > 20
+    assert means[0].keys() == means[1].keys() and {"rgb", "eikonal", "lidar_m"} <= means[0].keys()
+    for name, value in means[1].items():
+        assert means[0][name] == pytest.approx(value, rel=0.02, abs=1e-5), name

@@ -159,6 +159,17 @@ def test_disturbed_poses_are_taken_back(disturbed: Any, tmp_path: Path) -> None:
     assert all(new.apart_m <= old.apart_m + 0.01 for new, old in zip(after.lags, before.lags, strict=True))
 
 
+def test_a_bias_of_the_heading_is_said(tmp_path: Path) -> None:
+    log: Any = street(tmp_path, turned)
+    chosen = posed_log(log, "refined")
+    (sentence,) = (sentence for sentence in chosen.sentences if "heading is turned" in sentence)
+    bias = float(sentence.split("turned by ")[1].split(" ")[0])
+    assert bias == pytest.approx(2.0, abs=0.1)
+    assert not any(
+        "heading is turned" in sentence for sentence in posed_log(street(tmp_path, white), "refined").sentences
+    )
+
+
 def test_poses_that_fit_stay_and_what_drifts_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     log = street(tmp_path, true_ego)
     assert posed_log(log, "auto").log is log and not measured(log).doubt

@@ -322,7 +322,8 @@ def test_shifted_patches_move_sideways_alone() -> None:
     rotation = torch.linalg.qr(torch.randn(40, 3, 3, generator=torch.Generator().manual_seed(0)))[0]
     n = 9
     batch = RayBatch(torch.randn(40 * n, 3), F.normalize(torch.randn(40 * n, 3), dim=-1), torch.rand(40 * n).double())
-    patch = PatchBatch(batch, torch.zeros(40, dtype=torch.long), torch.zeros(40, 3, 6, 6), rotation, 3)
+    numbers = torch.zeros(40, dtype=torch.long)
+    patch = PatchBatch(batch, numbers, numbers, torch.zeros(40, 3, 6, 6), rotation, 3)
     moved = shifted_patches(patch, torch.Generator().manual_seed(1))
     trajectory = (moved.rays.origins - batch.origins).view(40, n, 3)
     assert torch.equal(moved.rays.directions, batch.directions) and torch.equal(moved.rays.time_s, batch.time_s)

@@ -26,11 +26,12 @@ from unisim_blender.core.sensors.camera import line_times, lines, pixel_directio
 from unisim_blender.core.sensors.unprojection import has_direction
 from unisim_blender.core.world.drive import Box, CameraModel, Drive, RollingShutter, StaticCopy
 from unisim_street.cycles.painter import CyclesPainter
-from unisim_street.drawing.image_setup import Workshop
+from unisim_street.drawing.image_setup import Workshop, true_image_path
 from unisim_street.drawing.path_tracer import MODULE, Order, draw_log
+from unisim_street.paint.light import LAMP_DROP_M
 from unisim_street.street import Street, build_street
 from unisim_street.tracing.trace import make_bundles, trace
-from unisim_street.truth import make_world
+from unisim_street.truth import make_world, truth_camera
 
 CAMERA = "front_camera"
 WIDTH, HEIGHT = 64, 36
@@ -269,3 +270,25 @@ def test_the_drawing_process_ends_with_its_input_and_tells_what_is_wrong(tmp_pat
     assert done.returncode == 1
     with pytest.raises(OutputError, match="nowhere.*is missing"):
         draw_log(tmp_path / "nowhere", progress=False)
+
+
+def test_lamps_light_a_night(street: Street, workshop: Workshop) -> None:
+    """The street is lit below a dark sky, by lamps that stand where the exact street's do, and its truth has files of its own."""
+    night = build_street(3, 4, WIDTH, HEIGHT, engine="cycles", paths=4, kind="night")
+    images = []
+    for shown, light in ((workshop, street.light), (Workshop(night), night.light)):
+        painted = CyclesPainter(4, light)
+        images.append(painted.paint(shown.image_setup(shown.street.drive, CAMERA, 2)).astype(float))
+        lamps = [tuple(o.location) for o in painted.scene.objects if o.type == "LIGHT" and o.data.type == "POINT"]
+        np.testing.assert_allclose(
+            np.reshape(lamps, (-1, 3)), light.lamps.reshape(-1, 3) - [0, 0, LAMP_DROP_M], atol=1e-4
+        )
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+    day, dark = images
+    assert dark.mean() < 0.7 * day.mean()
+    exact = build_street(3, 4, WIDTH, HEIGHT)
+    sky = np.asarray(truth_camera(exact, exact.drive, CAMERA, 2).opacity) == 0
+    assert sky.sum() > 10 and dark[sky].mean() < 0.35 * day[sky].mean()
+    assert dark[-HEIGHT // 3 :].mean() > dark[sky].mean()
+    paths = {true_image_path(Path(), s, s.drive, CAMERA, 2, None) for s in (street, night)}
+    assert len(paths) == 2

@@ -20,13 +20,14 @@ from ..formats.rendered import MANIFEST
 from ..json_file import json_bytes
 from ..processes import single_threaded
 from ..remote.copies import copies_used
+from ..render.captures import StartCapture
 from ..render.renderer import Renderer
 from ..scenario import load_scenario, rebased, save_scenario
 from ..scenes.recipe import check_code, check_environment
 from ..sequence.manifest import LABELS, make_manifest, write_drive
 from ..sequence.plan import RenderPlan
 from ..sequence.records import STATE_FOLDER, CaptureRecord, read_records, write_record
-from ..sequence.run import TIMINGS_NAME, RenderCapture, Work, capture_renderer, render_moment
+from ..sequence.run import TIMINGS_NAME, Work, capture_renderer, render_moment
 from ..world.captures import Capture
 from .plan import PLAN_NAME, CaptureUnit, FormatsUnit, MomentWork, RolloutUnit, Unit, scene_key
 from .records import (
@@ -106,7 +107,7 @@ class Worker:
         return UnitRecord(unit.name, dict(sorted(captures.items())))
 
     def _moment(
-        self, plan: RenderPlan, render: RenderCapture, folder: Path, item: MomentWork
+        self, plan: RenderPlan, render: StartCapture, folder: Path, item: MomentWork
     ) -> dict[str, CaptureEntry]:
         """Render and store what a unit makes of a moment; its entries by identity."""
         if item.labels is None:

@@ -19,6 +19,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from ..data.exposures import Exposures
 from ..data.fingerprint import Fingerprint
 from ..data.own_vehicle import check_outlines
 from ..errors import SceneError, short
@@ -66,6 +67,11 @@ class SceneHeader:
         if self.model.get("density") != "volume":
             return "neural"
         return "ngp" if self.model.get("actors") == "none" else "nsg"
+
+    @property
+    def exposures(self) -> Exposures:
+        """The gains of the images that the scene was trained on."""
+        return Exposures.from_json(Node(self.training.get("exposures", {}), "training.exposures", SceneError))
 
     @property
     def parked(self) -> dict[str, Box]:
@@ -139,6 +145,8 @@ def _read_training(node: Node) -> dict[str, Any]:
         node.key("seconds").number()
     if there.get("own_vehicle") is not None:
         check_outlines(node.key("own_vehicle"))
+    if "exposures" in there:
+        Exposures.from_json(node.key("exposures"))
     return there
 
 

@@ -169,6 +169,8 @@ class _Encode(torch.autograd.Function):
     def backward(ctx: Any, *grads: Tensor) -> tuple[None, Tensor | None, Tensor | None, None, None]:
         table, x = ctx.saved_tensors
         grad = grads[0].contiguous()
+        # rows are read at once
+        grad = grad if grad.data_ptr() % 16 == 0 else grad.clone()
         grid, index = ctx.grid, ctx.index
         grad_table = grad_x = None
         if ctx.needs_input_grad[1]:

@@ -124,7 +124,42 @@ def posed_log(log: Log, choice: Choice, progress: Callable[[float], object] = la
         f"poses are refined: {after.words}; certain to {np.median(result.std_m) * 100:.1f} cm and "
         f"{np.degrees(np.median(result.std_rad)):.2f} degrees (median)"
     )
+    bias = heading_bias(log.drive.world_from_ego, other.drive.world_from_ego)
+    if bias is not None and abs(bias[0]) > max(SURE * bias[1], LEAST_BIAS_DEG):
+        said.append(
+            f"the log's heading is turned by {bias[0]:+.2f} ± {bias[1]:.2f} degrees (left is positive) from where it goes, "
+            f"beside what {before.lidar}'s sweeps show: a bias of its IMU, or positions that drift sideways"
+        )
     return PosedLog(other, tuple(said))
+
+
+LEAST_MOVE_M = 1.0
+"""The ego moves by this much between two poses that tell its heading."""
+FEWEST_MOVES = 4
+SURE, LEAST_BIAS_DEG = 4.0, 0.2
+"""A heading's bias is said where it is this many standard errors from 0, and this large."""
+LEAST_ERROR_DEG = 0.05
+"""Standard error, at least: refined poses share the sweeps' own errors."""
+
+
+def heading_bias(recorded: Trajectory, refined: Trajectory) -> tuple[float, float] | None:
+    """Return the mean angle, degrees, by which a recorded ego looks further to the left of where it goes than the
+    refined one, and its standard error: a bias between what gives the heading and the LiDAR, or positions that drift
+    sideways, which a straight drive does not tell apart; None where too little moves."""
+    times = refined.times_s[(refined.times_s >= recorded.times_s[0]) & (refined.times_s <= recorded.times_s[-1])]
+    if len(times) < 2:
+        return None
+    steps = np.linalg.norm(np.diff(refined.positions_at(times), axis=0), axis=1)
+    chosen = np.unique(np.searchsorted(np.cumsum(steps), np.arange(0, steps.sum(), LEAST_MOVE_M)))
+    if len(chosen) <= FEWEST_MOVES:
+        return None
+    goes = []
+    for poses in (track.at(times[chosen]) for track in (recorded, refined)):
+        moved = np.einsum("nji,nj->ni", poses[:-1, :3, :3], np.diff(poses[:, :3, 3], axis=0))
+        goes.append(np.arctan2(moved[:, 1], moved[:, 0]))
+    bias = np.degrees(np.angle(np.exp(1j * (goes[1] - goes[0]))))
+    spread = 1.4826 * float(np.median(np.abs(bias - np.median(bias))))
+    return float(np.median(bias)), max(spread / float(np.sqrt(len(bias))), LEAST_ERROR_DEG)
 
 
 def ego_trajectory(log: Log, lidar: str, correction: Trajectory) -> Trajectory:

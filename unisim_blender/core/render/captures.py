@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeVar
 
 from ..errors import SceneError
@@ -58,7 +59,12 @@ def states_of(renderer: Renderer, drive: Drive) -> CaptureStates:
     return CaptureStates(states, renderer.reach, renderer.backend.sees_all)
 
 
-def render_capture(
+Frame = CameraFrame | LidarFrame
+StartCapture = Callable[[Capture], Callable[[], Frame]]
+"""Begins a capture, and returns what waits for its frame."""
+
+
+def start_capture(
     renderer: Renderer,
     states: CaptureStates,
     capture: Capture,
@@ -66,11 +72,37 @@ def render_capture(
     width: int | None = None,
     draw: int | None = None,
     reuse: FrameReuse | None = None,
-) -> CameraFrame | LidarFrame:
-    """Render what a sensor of a drive measures: `render_image` of a camera's capture, `render_sweep` of a LiDAR's."""
-    if capture.sensor_id in states.drive.cameras:
-        return render_image(renderer, states, capture, passes, width, reuse=reuse)
-    return render_sweep(renderer, states, capture, draw, reuse)
+) -> Callable[[], Frame]:
+    """Begin what a sensor of a drive measures, an image on a GPU; return what waits for its frame, and what is not begun
+    renders it then: `render_image` of a camera's capture, `render_sweep` of a LiDAR's."""
+    if capture.sensor_id not in states.drive.cameras:
+        return partial(render_sweep, renderer, states, capture, draw, reuse)
+    camera = states.camera(capture.sensor_id, width)
+    time_s = capture.time_s(camera)
+    if reuse is not None and reuse.may_reuse(camera, time_s):
+        return partial(render_image, renderer, states, capture, passes, width, reuse=reuse)
+    return renderer.start(states.state(camera, time_s), camera, time_s, passes)
+
+
+def render_capture(
+    renderer: Renderer, states: CaptureStates, capture: Capture, passes: Sequence[str] = ("rgb",),
+    width: int | None = None, draw: int | None = None, reuse: FrameReuse | None = None,
+) -> Frame:  # fmt: skip
+    """Render what a sensor of a drive measures, see `start_capture`."""
+    return start_capture(renderer, states, capture, passes, width, draw, reuse)()
+
+
+def started_ahead(start: StartCapture, captures: Iterable[Capture]) -> Iterator[Callable[[], Frame]]:
+    """Yield what waits for each capture's frame, after the next one is begun: a GPU traces while frames are copied and
+    written."""
+    before: Callable[[], Frame] | None = None
+    for capture in captures:
+        begun = start(capture)
+        if before is not None:
+            yield before
+        before = begun
+    if before is not None:
+        yield before
 
 
 def render_image(

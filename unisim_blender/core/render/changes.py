@@ -16,6 +16,7 @@ import numpy as np
 from ..geometry import BoolArray, FloatArray, Trajectory, box_corners, invert_pose
 from ..sensors.rays import Rays
 from ..sensors.silhouettes import covered
+from ..world.classes import motion_of
 from ..world.drive import Actor, Box, Camera, Lidar
 from ..world.replay import WorldState
 from .lattice import Region
@@ -257,6 +258,9 @@ def _is_unchanged(a: Actor, b: Actor, before: WorldState, after: WorldState) -> 
         return False
     if a.size_m is not b.size_m and not np.array_equal(a.size_m, b.size_m):
         return False
+    ways_m = a.world_from_actor.start_walked_m, b.world_from_actor.start_walked_m
+    if ways_m[0] != ways_m[1] and motion_of(a.label) == "deforming":
+        return False  # limbs follow the length of the path
     same_window = (before.start_s, before.end_s, a.start_s, a.end_s) == (after.start_s, after.end_s, b.start_s, b.end_s)
     if same_window and a.world_from_actor.content() == b.world_from_actor.content():
         return True

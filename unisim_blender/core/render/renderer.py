@@ -14,13 +14,15 @@ Numpy alone: whatever a backend computes with, the renderer is given it. A rende
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..data.exposures import Exposures
 from ..errors import SceneError
 from ..geometry import FloatArray
 from ..meshes.exposure import PROBE_M, beside, level_of
@@ -60,6 +62,8 @@ class _Exposure:
     """Actors whose ground fades, by instance."""
     begun: float = field(default_factory=time.perf_counter)
     stats: RenderStats = field(default_factory=RenderStats)
+    launched: Callable[[RenderStats], Maps | None] | None = None
+    """What waits for the whole image, which a GPU has begun."""
     lights: dict[str, FloatArray] = field(default_factory=dict)
     """Brightness of white ground under an actor, by the actor's id."""
 
@@ -78,6 +82,20 @@ class _Binding:
         tracer = self._last[1]
         tracer.quality = quality
         return tracer
+
+    def exposed(self, image: NDArray[np.float32], camera_id: str, time_s: float) -> NDArray[np.float32]:
+        """Return a camera's image, or its colours (..., 3), exposed as a trained scene's images around its time are."""
+        exposures: Exposures | None = getattr(self.backend, "exposures", None)
+        if exposures is None or camera_id not in exposures.by_camera:
+            return image
+        gain = exposures.at(camera_id, np.array([time_s]))[0].astype(np.float32)
+        return np.minimum(image * gain, np.float32(1))
+
+    def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
+        """See `tracer.Backend`."""
+        exposures: Exposures | None = getattr(self.backend, "exposures", None)
+        exposed_alike = exposures is None or exposures.is_constant(sensor_id, start_s, end_s)
+        return exposed_alike and self.backend.is_steady(sensor_id, start_s, end_s)
 
 
 class Renderer:
@@ -142,24 +160,42 @@ class Renderer:
         pixels of previews are pixels of the finished image.
         """
         exposure = self._expose(state, camera, time_s, passes)
-        whole = Region.of_image(camera.model)
-        region = whole if region is None else region
-        tracer = exposure.tracer
-        if tracer.reach == 0 and tracer.upsample == 1:
+        yield from self._tiles(exposure, Region.of_image(camera.model) if region is None else region, coarse, band)
+
+    def start(
+        self, state: WorldState, camera: Camera, time_s: float, passes: Sequence[str] = ("rgb",)
+    ) -> Callable[[], CameraFrame]:
+        """Have a GPU begin an image; return what waits for it and returns its frame, that of `render`. A CPU begins then."""
+        if not getattr(self.backend, "launches", False):
+            return partial(self.render, state, camera, time_s, passes)
+        exposure, whole = self._expose(state, camera, time_s, passes), Region.of_image(camera.model)
+        exposure.launched = self._launched(exposure, *self._cells(exposure, whole))
+
+        def finish() -> CameraFrame:
+            (tile,) = self._tiles(exposure, whole)
+            return tile.frame
+
+        return finish
+
+    def _tiles(
+        self, exposure: _Exposure, region: Region, coarse: Sequence[int] = (), band: int | None = None
+    ) -> Iterator[Tile]:
+        camera, passes = exposure.camera, exposure.passes
+        whole, model = Region.of_image(camera.model), camera.model
+        if _alone(exposure.tracer):
             yield from self._on_lattice(exposure, region, coarse, band)
             return
-        model = camera.model
         for stride in coarse if region == whole else ():
             early = ("rgb", "unsupported") if "unsupported" in passes else ("rgb",)
             small = camera.resized(max(MIN_PREVIEW_WIDTH_PX, model.width // stride))
-            preview = self.render(state, small, time_s, early)
+            preview = self.render(exposure.state, small, exposure.time_s, early)
             height, across = preview.rgb.shape[:2]
             y, x = model.height / height, model.width / across
             yield Tile(preview, whole, (y, x), (y / 2 - 0.5, x / 2 - 0.5))
         step = region.bottom - region.top if band is None else band
         for top in range(region.top, region.bottom, step):
             part = region._replace(top=top, bottom=min(top + step, region.bottom))
-            yield Tile(self._block(exposure, part, whole), part)
+            yield Tile(self._block(exposure, part), part)
 
     def tracer(self, state: WorldState) -> Tracer[Any]:
         """Return the backend's tracer for a state; the one of the last state is kept."""
@@ -177,14 +213,16 @@ class Renderer:
 
     def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
         """Return whether what stands is rendered with the same bits at all times between two; see `tracer.Backend`."""
-        backends = self.backend, self._lighting.backend
-        return all(backend.is_steady(sensor_id, start_s, end_s) for backend in backends)
+        return all(bound.is_steady(sensor_id, start_s, end_s) for bound in (self._bound, self._lighting))
 
     def alone(self, state: WorldState, camera: Camera) -> bool:
         """Return whether a pixel's colour depends on its own ray alone."""
         tracer = self.tracer(state)
-        single = tracer.reach == 0 and tracer.upsample == 1
-        return single and not tracer.active.mesh_actors.seen_by(camera).actors and not self._shadowing(state, camera)
+        return (
+            _alone(tracer)
+            and not tracer.active.mesh_actors.seen_by(camera).actors
+            and not self._shadowing(state, camera)
+        )
 
     def pixels(
         self, state: WorldState, camera: Camera, time_s: float, u: FloatArray, v: FloatArray
@@ -223,11 +261,20 @@ class Renderer:
             return 2, quality.native_spread
         return size, quality.spread
 
-    def _block(self, exposure: _Exposure, region: Region, whole: Region) -> CameraFrame:
+    def _cells(self, exposure: _Exposure, region: Region) -> tuple[tuple[slice, slice], int, float]:
+        """Return the rows and columns of cells that a region needs, and what `_lattice` returns for them."""
+        tracer, model = exposure.tracer, exposure.camera.model
+        if not _alone(tracer):
+            return region.cells(tracer.upsample, tracer.reach, Region.of_image(model)), 1, 0.0
+        size, spread = self._lattice(tracer, exposure.camera)
+        spans = slice(region.top, region.bottom), slice(region.left, region.right)
+        return aligned(spans, size, (model.height, model.width)), size, spread
+
+    def _block(self, exposure: _Exposure, region: Region) -> CameraFrame:
         """Render a region by tracing all of its cells, and those around it that the decoder reads."""
         up, camera, time_s = exposure.tracer.upsample, exposure.camera, exposure.time_s
-        cells = region.cells(up, exposure.tracer.reach, whole)
-        finished = self._on_device(exposure, cells, 1, 0.0)
+        cells, size, spread = self._cells(exposure, region)
+        finished = self._on_device(exposure, cells, size, spread)
         u, v = (x[cells] for x in pixel_grid(camera.model, up))
         rays = camera_rays(camera, time_s, u, v) if finished is None or exposure.shadowing else None
         along: FloatArray | Array | None
@@ -245,10 +292,7 @@ class Renderer:
     ) -> Iterator[Tile]:
         """Render tiles of the image by tracing the pixels that `progressive_strides` asks for."""
         camera, model, time_s, tracer = exposure.camera, exposure.camera.model, exposure.time_s, exposure.tracer
-        size, spread = self._lattice(tracer, camera)
-        rows, columns = aligned(
-            (slice(region.top, region.bottom), slice(region.left, region.right)), size, (model.height, model.width)
-        )
+        (rows, columns), size, spread = self._cells(exposure, region)
         # centres of columns (1, W) and of rows (H, 1)
         u, v = np.arange(columns.start, columns.stop)[None] + 0.5, np.arange(rows.start, rows.stop)[:, None] + 0.5
         shape = v.shape[0], u.shape[1]
@@ -305,15 +349,25 @@ class Renderer:
             frame = self._frame(exposure, values["rgb"][inner], maps, rays, along, (slice(None), slice(None)))
             yield Tile(_blanked(frame, part), part)
 
-    def _on_device(self, exposure: _Exposure, cells: tuple[slice, slice], size: int, spread: float) -> Maps | None:
-        """Return what `lattice_image` of a tracer on a GPU does; None where the host has to finish an image."""
+    def _launched(
+        self, exposure: _Exposure, cells: tuple[slice, slice], size: int, spread: float
+    ) -> Callable[[RenderStats], Maps | None] | None:
+        """Launch `lattice_image` of a tracer on a GPU; None where the host has to finish an image."""
         lattice_image = getattr(exposure.tracer, "lattice_image", None)
         seen = exposure.tracer.active.mesh_actors.seen_by(exposure.camera).actors
         if lattice_image is None or exposure.displaced or seen:
             return None
-        values: Maps | None = lattice_image(
-            exposure.camera, exposure.time_s, cells, size, spread, exposure.needed, exposure.stats
+        waits: Callable[[RenderStats], Maps | None] | None = lattice_image(
+            exposure.camera, exposure.time_s, cells, size, spread, exposure.needed
         )
+        return waits
+
+    def _on_device(self, exposure: _Exposure, cells: tuple[slice, slice], size: int, spread: float) -> Maps | None:
+        """Return the maps of cells from a GPU; None where the host has to trace or finish them."""
+        waits, exposure.launched = exposure.launched or self._launched(exposure, cells, size, spread), None
+        values = None if waits is None else waits(exposure.stats)
+        if values is not None:
+            values["rgb"] = self._bound.exposed(values["rgb"], exposure.camera.sensor_id, exposure.time_s)
         return values
 
     def _seen(
@@ -332,6 +386,7 @@ class Renderer:
         mesh_hits = seen.hit_by_camera(exposure.camera, exposure.time_s, (u, v), flat, up, NEAR_M, light)
         traced = tracer.trace(rays, exposure.needed, True, mesh_hits, exposure.stats)
         image = tracer.image(traced, flat.directions, exposure.camera.sensor_id, u.shape)
+        image = self._bound.exposed(image, exposure.camera.sensor_id, exposure.time_s)
         if mesh_hits is not None and traced.mesh_opacity is not None:
             image = mesh_hits.over(image, traced.mesh_opacity, u.shape)
         if exposure.displaced:
@@ -411,6 +466,7 @@ class Renderer:
         traced = tracer.trace(rays, {"instance", "depth"}, True, None, RenderStats())
         # one row of cells: a decoder that reads neighbours sees ground on both sides
         rgb = tracer.image(traced, directions, camera.sensor_id, (1, len(points)))[0, :: tracer.upsample]
+        rgb = self._lighting.exposed(rgb, camera.sensor_id, time_s)
         return level_of(rgb[(traced.maps["instance"] == 0) & (traced.maps["depth"] < 2 * PROBE_M)])
 
     def _shaded(self, exposure: _Exposure, image: NDArray[np.float32], rays: Rays, maps: Maps) -> NDArray[np.float32]:
@@ -459,6 +515,11 @@ class Renderer:
             probability = _laid_over(probability, 1.0, traced.mesh_opacity)
         depth = np.nan_to_num(traced.maps["depth"], posinf=0.0)
         return depth, intensity, probability, traced.maps["instance"].astype(np.int32)
+
+
+def _alone(tracer: Tracer[Any]) -> bool:
+    """Return whether a decoder makes a pixel of one ray."""
+    return tracer.reach == 0 and tracer.upsample == 1
 
 
 def _needed(passes: Sequence[str], shades: bool) -> set[str]:

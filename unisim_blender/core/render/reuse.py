@@ -40,6 +40,10 @@ class FrameReuse:
 
     _last: dict[str, _LastFrame] = field(default_factory=dict)
 
+    def may_reuse(self, camera: Camera, time_s: float) -> bool:
+        """Return whether a camera stands in an image's exposure."""
+        return standing_pose(camera.world_from_camera, *exposure_window(camera, time_s)) is not None
+
     def image(
         self, renderer: Renderer, state: WorldState, camera: Camera, time_s: float, passes: Sequence[str]
     ) -> CameraFrame:

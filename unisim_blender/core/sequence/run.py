@@ -27,18 +27,16 @@ from ..json_file import json_bytes
 from ..output.frame_files import labels_bytes, write_camera, write_labels, write_lidar
 from ..processes import single_threaded
 from ..render.bounded import BoundedRenderer
-from ..render.captures import render_capture
+from ..render.captures import StartCapture, start_capture, started_ahead
 from ..render.renderer import Renderer
 from ..render.reuse import FrameReuse
 from ..sensors.error_bound import parse_bounds
 from ..sensors.frames import CameraFrame, LidarFrame
-from ..world.captures import Capture, CaptureKey, Moment, in_order, key_of, name_of, time_of_name
+from ..world.captures import CaptureKey, Moment, in_order, key_of, name_of, time_of_name
 from .manifest import COUNTS, LABELS, make_manifest, write_drive
 from .plan import CaptureIdentities, Identity, RenderPlan
 from .records import CaptureRecord, Captures, read_records, remove_files, write_record
 
-RenderCapture = Callable[[Capture], CameraFrame | LidarFrame]
-"""Renders a capture of a plan."""
 MANIFEST_NAME = "manifest.json"
 TIMINGS_NAME = "timings.json"
 
@@ -195,7 +193,7 @@ def labels_record(plan: RenderPlan, moment: Moment) -> CaptureRecord:
 
 def render_moment(
     plan: RenderPlan,
-    render: RenderCapture,
+    start: StartCapture,
     out: Path,
     work: Work,
     on_capture: Callable[[str, CameraFrame | LidarFrame, CaptureRecord], object] = lambda name, shot, record: None,
@@ -205,10 +203,11 @@ def render_moment(
     settings, moment, seconds = plan.settings, work.moment, {}
     of, sensors = moment.captures, plan.drive.sensors
     captures = {name: record for name, record in work.reusable.items() if name in work.wanted}
-    for name in work.to_render:
+    ahead = started_ahead(start, (of[name] for name in work.to_render))
+    for name, waits in zip(work.to_render, ahead, strict=True):
         started = time.monotonic()
         capture = of[name]
-        shot, time_s = render(capture), capture.time_s(sensors[capture.sensor_id])
+        shot, time_s = waits(), capture.time_s(sensors[capture.sensor_id])
         if isinstance(shot, CameraFrame):
             files = write_camera(out, moment.name, capture, time_s, shot, settings.formats)
         else:
@@ -254,23 +253,23 @@ MomentSeconds = tuple[CaptureKey, dict[str, float]]
 def moment_renderer(plan: RenderPlan, out: Path) -> Callable[[Work], MomentSeconds]:
     """Load the plan's renderer, and return the function that renders a moment with it, both with one thread of torch."""
     with single_threaded():
-        render_capture_of = capture_renderer(plan, plan.recipe.load())
+        start = capture_renderer(plan, plan.recipe.load())
 
     def render(work: Work) -> MomentSeconds:
         with single_threaded():
-            return work.moment.key, render_moment(plan, render_capture_of, out, work)
+            return work.moment.key, render_moment(plan, start, out, work)
 
     return render
 
 
-def capture_renderer(plan: RenderPlan, renderer: Renderer, reuse: FrameReuse | None = None) -> RenderCapture:
-    """Return what renders a plan's captures by its settings; ``reuse`` as of `render_capture`."""
+def capture_renderer(plan: RenderPlan, renderer: Renderer, reuse: FrameReuse | None = None) -> StartCapture:
+    """Return what begins a plan's captures by its settings (`start_capture`)."""
     settings = plan.settings
     if settings.max_error:
         bounded = BoundedRenderer(renderer, plan.captures, parse_bounds(settings.max_error), settings.draw)
-        return partial(bounded.render, passes=settings.passes, width=settings.width)
+        return partial(partial, bounded.render, passes=settings.passes, width=settings.width)
     return partial(
-        render_capture,
+        start_capture,
         renderer,
         plan.captures,
         passes=settings.passes,

@@ -30,7 +30,7 @@ from ..render.tracers.torch.trace import trace
 from .batches.data import PatchBatch
 from .batches.images import PixelDraw
 from .batches.sweeps import LidarBatch
-from .losses.terms import as_shown, colour_squares, distortion, lidar_terms, shifted_patches
+from .losses.terms import as_shown, colour_squares, distortion, exposed, lidar_terms, shifted_patches
 from .setup import TrainingSetup
 
 T = TypeVar("T")
@@ -214,7 +214,7 @@ class LossBranches:
         c, w = setup.config, setup.recipe.weights
         done, generator = start.done, start.generator
         features = seen.feature.split([len(b.rays) for b in batches])
-        images = [self._decode(f, b, generator) for f, b in zip(features, batches, strict=True)]
+        images = [self._decode(f, b, start) for f, b in zip(features, batches, strict=True)]
         wrong = [i - b.target for i, b in zip(images, batches, strict=True)]
         squares = [colour_squares(d, w.chroma) for d in wrong]
         image, patch = images[0], batches[0]
@@ -234,8 +234,10 @@ class LossBranches:
         if setup.adversary and done >= c.poses_from:
             beside = shifted_patches(patch, generator)
             traced = trace(setup.model, start.active, beside.rays, self._sampling(start))
-            fake = as_shown(self._decode(traced.feature, beside, generator), beside.shown)
+            fake = as_shown(self._decode(traced.feature, beside, start), beside.shown)
             terms["adversarial"] = w.adversarial * setup.adversary.generator_loss(fake)
+        if self._exposes(start):
+            terms["exposure"] = w.exposure * setup.log_gains.square().mean()
         penalty = setup.model.actors.penalty()
         if penalty is not None:
             terms["latent"] = w.latent * penalty
@@ -348,8 +350,12 @@ class LossBranches:
             batches.append(setup.cameras.pixels(draw, up))
         return [self._to_device(b) for b in batches], draw
 
-    def _decode(self, feature: Tensor, patch: PatchBatch, generator: torch.Generator | None) -> Tensor:
-        setup = self.setup
+    def _exposes(self, start: BranchStart) -> bool:
+        """Whether images have gains of their own by now: first the colours settle that they have in common."""
+        return self.setup.recipe.refines_cameras and start.done >= self.setup.config.perceptual_from
+
+    def _decode(self, feature: Tensor, patch: PatchBatch, start: BranchStart) -> Tensor:
+        setup, generator = self.setup, start.generator
         cells, directions = patch.cells, patch.rays.directions
         camera = patch.camera.repeat_interleave(cells * cells)
         # a patch turns as one, for it is looked at as one
@@ -360,7 +366,7 @@ class LossBranches:
         features = setup.model.ray_head(feature, F.normalize(turned, dim=-1), camera)
         features = features.view(len(patch.camera), cells, cells, -1).permute(0, 3, 1, 2)
         image: Tensor = setup.model.camera_decoder(features)
-        return image
+        return exposed(image, setup.log_gains[patch.view], patch.target) if self._exposes(start) else image
 
     def _lidar_loss(self, swept: SegmentTrace, lidar: LidarBatch) -> dict[str, Tensor]:
         setup = self.setup

@@ -76,6 +76,7 @@ def load_checkpoint(file: Path, trainer: Trainer) -> None:
         if trainer.adversary:
             trainer.adversary.load_state(under("adversary."))
         trainer.camera_poses.load_state_dict(under("camera_poses."))
+        trainer.log_gains.data.copy_(tensors["log_gains"])
         trainer.choice.load_state(under("choice."))
         trainer.occupancy.load_state(
             {k: v.to(trainer.occupancy.state()[k].dtype) for k, v in under("occupancy.").items()}
@@ -92,6 +93,7 @@ def _state(trainer: Trainer) -> dict[str, Tensor]:
     tensors = {f"model.{k}": v for k, v in trainer.model.state_dict().items()}
     tensors |= {f"tracklets.{k}": v for k, v in trainer.tracklets.named_parameters()}
     tensors |= {f"camera_poses.{k}": v for k, v in trainer.camera_poses.named_parameters()}
+    tensors["log_gains"] = trainer.log_gains
     tensors |= {
         f"occupancy.{k}": v.to(torch.uint8) if v.dtype == torch.bool else v
         for k, v in trainer.occupancy.state().items()

@@ -84,6 +84,8 @@ class TrainConfig:
     rate_turns: tuple[float, float] = (1e-3, 1e-4)
     """Rates of the boxes' shifts and turns: metres and radians a step at most."""
     rate_cameras: tuple[float, float] = (5e-5, 5e-6)
+    rate_exposures: tuple[float, float] = (2e-3, 2e-4)
+    """Rates of the logarithms of images' gains."""
     slow_every: int = 4
     """Steps whose gradients are added up before the hypernetwork, the tracklets and the camera mounts are updated: few
     rays of a step tell about one pose, and taking a gradient through the hypernetwork costs the same for one

@@ -17,6 +17,7 @@ import torch.nn.functional as F
 from PIL import Image
 from torch import Tensor
 
+from ..data.exposures import Exposures
 from ..data.images import resize_image
 from ..data.log import extras_of
 from ..data.own_vehicle import outlines_from_json, outlines_to_json, shows_scene
@@ -131,6 +132,11 @@ def header_of(trainer: Trainer, out: Path) -> SceneHeader:
         "seed": config.seed, "adversarial": config.adversarial, "device": config.device,
         "own_vehicle": outlines_to_json(trainer.cameras.outlines),
     }  # fmt: skip
+    if trainer.recipe.refines_cameras:
+        views = trainer.cameras.views
+        times_s = [camera.time_s[frame] for _, camera, frame in views]
+        gains = trainer.log_gains.detach().double().exp().cpu().numpy()
+        training["exposures"] = Exposures.of([c.sensor_id for _, c, _ in views], times_s, gains).to_json()
     if config.noise is not None:
         training["disturbed"] = config.noise
     if (poses := extras_of(log).poses) != "log":

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from .. import native
 from ..data.fingerprint import Fingerprint, fingerprint_of
@@ -153,6 +153,7 @@ class TrainingSetup:
         self.rows = torch.arange(len(actors), device=config.device)
         mirrored = [self.recipe.mirrored * self._is_symmetric(a.label) for a in actors]
         self.mirror = torch.tensor(mirrored, device=config.device)
+        self.log_gains = nn.Parameter(torch.zeros(len(self.cameras.views), 3, device=config.device))
         self.camera_poses = module_to(CameraPoses(self.cameras.times_s()), config.device)
 
     def _seed(self, window: SweepWindow | None, origins: FloatArray, points: FloatArray, actors: list[Actor]) -> None:
@@ -236,6 +237,7 @@ class TrainingSetup:
             {"params": [self.tracklets.shift_m], "rates": c.rate_shifts, "eps": 1e-10},
             {"params": [self.tracklets.turn_6d], "rates": c.rate_turns, "eps": 1e-10},
             {"params": list(self.camera_poses.parameters()), "rates": c.rate_cameras, "eps": 1e-10},
+            {"params": [self.log_gains], "rates": c.rate_exposures, "eps": 1e-10},
         ]
         on_gpu = c.device.startswith("cuda")
         if on_gpu:

@@ -15,7 +15,7 @@ from opened_files import opened_below
 
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import LogError
-from unisim_blender.core.formats.kitti.beams import STATED, decide
+from unisim_blender.core.formats.kitti.beams import USUAL, decide
 from unisim_blender.core.formats.kitti.read import LIDAR, KittiLog
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.sensors.lidar import lidar_rays
@@ -213,6 +213,8 @@ def test_a_log_without_boxes_is_fine_and_training_says_what_it_cannot_do(
 
 def test_a_spin_that_is_not_sure_is_not_told() -> None:
     slow = decide(np.array([-2.0, -0.6, 0.7, -3.0, 4.0, -1.8]))
-    assert slow.direction == STATED and not slow.is_measured and "do not tell which way" in slow.sentence
+    assert slow.direction == USUAL and not slow.is_measured and "do not tell which way" in slow.sentence
     assert decide(np.array([-1.02, -0.98, -1.0])).direction == -1
+    halves = decide(np.array([1.0, 1.0, 1.01, 0.99, 1.0, -1.0, -0.9, -1.0]))
+    assert not halves.is_measured and "contradict" in halves.sentence
     assert not decide(np.zeros(0)).is_measured

@@ -23,6 +23,13 @@ from render.tracers.test_compiled_tracer import FEW, bits, close, needs_library,
 from whole_drive import bound_to
 from written_street import write_recipe
 
+from unisim_bench.cases import all_cases, subject_of
+from unisim_bench.render_request import RenderSession
+from unisim_bench.report.metrics import metrics_of
+from unisim_bench.report.plots import images
+from unisim_bench.report.tables import GROWTH
+from unisim_bench.run import machine
+from unisim_bench.settings import QUICK, all_methods
 from unisim_blender.core import cuda_driver
 from unisim_blender.core.cli.commands.render import default_jobs
 from unisim_blender.core.cuda_driver import GpuMemory, GpuMemoryError
@@ -32,6 +39,7 @@ from unisim_blender.core.geometry import Trajectory, quaternion_from_yaw
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.meshes.hits import MeshHits
 from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
+from unisim_blender.core.render.captures import render_capture, start_capture, started_ahead
 from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.quality import QUALITIES
 from unisim_blender.core.render.renderer import Renderer
@@ -50,9 +58,10 @@ from unisim_blender.core.scenes.recipe import (
     used_device,
 )
 from unisim_blender.core.scenes.scene import open_scene
-from unisim_blender.core.sensors.frames import CAMERA_PASSES, CameraFrame, RenderStats
+from unisim_blender.core.sensors.frames import CAMERA_PASSES, RenderStats
 from unisim_blender.core.sensors.rays import Rays, exposure_window
 from unisim_blender.core.worker.about import about
+from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import Appearance, CameraModel, Drive, RollingShutter
 
 SAMPLE = Path(__file__).parents[4] / "sample" / "scene"
@@ -150,7 +159,7 @@ def launches(driver: ctypes.CDLL, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return names
 
 
-def passes_of(frame: CameraFrame) -> dict[str, Any]:
+def passes_of(frame: Any) -> dict[str, Any]:
     names = ("rgb", "depth_m", "z_depth_m", "normal", "instance", "opacity", "unsupported")
     return {name: value for name in names if (value := getattr(frame, name)) is not None}
 
@@ -259,6 +268,48 @@ def test_parts_of_an_image_and_images_that_stay(launches: list[str], tmp_path: P
     frames.camera("front", 4, CAMERA_PASSES)
     for name, values in passes_of(first).items():
         assert np.array_equal(values, expected[name]), name
+
+
+def test_an_image_is_launched_before_the_one_before_it_is_copied(
+    driver: ctypes.CDLL, launches: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drive = moving(edited(), LENSES["rows"])
+    backend, on_cpu = of_small_images(both(saved(tmp_path / "scene", SINGLE)))
+    frames = DriveFrames(Renderer(backend), drive)
+    captures = [Capture.of_frame(drive.cameras["front"], frame) for frame in (1, 2, 3, 2)]
+    alone = [passes_of(render_capture(frames.renderer, frames.captures, each, CAMERA_PASSES)) for each in captures]
+    alone = [{name: values.copy() for name, values in passes.items()} for passes in alone]
+    wait = cuda_driver.Gpu.wait
+
+    def noted(self: cuda_driver.Gpu, event: ctypes.c_void_p) -> None:
+        launches.append("wait")
+        wait(self, event)
+
+    monkeypatch.setattr(cuda_driver.Gpu, "wait", noted)
+    del launches[:]
+    start = functools.partial(start_capture, frames.renderer, frames.captures, passes=CAMERA_PASSES)
+    in_use, waited = 0, 0
+    for expected, waits in zip(alone, started_ahead(start, captures), strict=True):
+        begun = launches.count("unisim_begin_image")
+        assert begun == min(waited + 2, len(captures)) and launches.count("wait") == waited
+        frame = waits()
+        waited += 1
+        assert launches.count("wait") == waited
+        for name, values in passes_of(frame).items():
+            assert np.array_equal(values, expected[name]), name
+        # two images lie on the GPU: nothing is allocated for further ones
+        assert waited < 2 or driver.memory_in_use() == in_use
+        in_use = driver.memory_in_use()
+    # one that nobody waits for leaves its memory to others
+    start(captures[0])
+    for name, values in passes_of(start(captures[1])()).items():
+        assert np.array_equal(values, alone[1][name]), name
+    assert driver.memory_in_use() == in_use
+    # a CPU renders when it is waited for
+    frames = DriveFrames(Renderer(on_cpu), drive)
+    later: Any = start_capture(frames.renderer, frames.captures, captures[1], CAMERA_PASSES)
+    for name, values in passes_of(render_capture(frames.renderer, frames.captures, captures[1], CAMERA_PASSES)).items():
+        assert np.array_equal(passes_of(later())[name], values), name
 
 
 def test_images_allocate_nothing_anew_and_take_the_room_and_the_memory_that_there_is(
@@ -444,6 +495,42 @@ def test_what_a_gpu_does_not_take_is_rendered_by_the_cpu(
     by_torch, _ = plan_scenario(SAMPLE.parent / "scenario.json", RenderOptions(frames="5", device="cuda"))
     assert by_torch.settings.device == "cpu" and "torch" in by_torch.environment
     assert by_torch.about["warnings"][-1].endswith("has no kernels for --device cuda: the CPU renders")
+
+
+def test_the_benchmarks_rows_of_a_gpu(driver: ctypes.CDLL) -> None:
+    settings = dataclasses.replace(QUICK, widths=(64,), windows=(1, 1), memory_width=64, loop_width=64, loop_steps=1)
+    settings = dataclasses.replace(settings, growth_width=64, growth_widths=(64,), state_width=64)
+    methods = {gpu: all_methods({"native": "portable"}, 1, False, gpu) for gpu in (False, True)}
+    names = [method.name for method in methods[True] if method not in methods[False]]
+    assert names == [f"GPU {quality}" for quality in QUALITIES] and {m.tracer for m in methods[False]} == {"compiled"}
+    cases = {case.kind: case for case in all_cases([subject_of(SAMPLE)], methods[True], settings)}
+    rows = [entry for case in cases.values() for entry in case.entries if entry.process == "gpu"]
+    assert all(entry.request.setup.tracer == "gpu" for entry in rows)
+    assert {kind: sum(e in rows for e in case.entries) for kind, case in cases.items() if kind != "scenes"} == {
+        "camera": 4, "lidar": 4, "pixels": 0, "copies": 0, "state": 0, "region": 0, "loop": 4, "memory": 2
+    }  # fmt: skip
+    session = RenderSession()
+    typical = next(entry for entry in cases["camera"].entries if entry.about.get("method") == "GPU balanced").request
+    beside = dataclasses.replace(typical, setup=dataclasses.replace(typical.setup, tracer="compiled"))
+    fast, slow = (session.render(request) for request in (typical, beside))
+    assert np.abs(fast.pieces[0] - slow.pieces[0]).mean() < 1e-4
+    # the scene's tables lie there, and what its rays need
+    assert fast.gpu_bytes > (SAMPLE / "weights.safetensors").stat().st_size / 2 and slow.gpu_bytes == 0
+    assert cuda_driver.gpu(0).peak_bytes == fast.gpu_bytes >= driver.memory_in_use()
+    step = session.render(next(e for e in cases["loop"].entries if e.about["method"] == "GPU fast").request).step
+    assert step is not None and step.step_s > 0
+    (opened,) = session._simulated.values()
+    assert isinstance(opened.renderer.backend, GpuBackend)
+    for entry, measured in zip(cases["memory"].entries, (slow, slow, fast, fast), strict=True):
+        entry.measurements.append(measured)
+    for entry in cases["camera"].entries:
+        entry.measurements.append(fast)
+    report = metrics_of([cases["memory"], cases["camera"]])
+    assert [row["gpu_mb"] > 0 for row in report["memory"][0]["entries"]] == [False, False, True, True]
+    assert "camera.png" in images(report)
+    lines = GROWTH["memory"](report["memory"][0])
+    assert "most of the GPU's, MB" in lines[2] and lines[4].endswith("| – |") and "image, 64 wide, GPU" in lines[6]
+    assert machine("portable")["gpu"] == "a CPU"
 
 
 def test_one_gpu_for_each_worker(driver: ctypes.CDLL, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from unisim_blender.core.data.exposures import Exposures
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.json_file import Node
-from unisim_blender.core.render.tracers.surfels.exposure import Exposures, Observations, exposure_gains
+from unisim_blender.core.render.tracers.surfels.exposure import Observations, exposure_gains
 
 
 def observations(gains: NDArray[np.float64], odd: float, seed: int = 0) -> Observations:

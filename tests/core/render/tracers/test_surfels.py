@@ -21,6 +21,7 @@ from written_street import write_recipe
 
 from unisim_blender.core import native
 from unisim_blender.core.cli.main import run
+from unisim_blender.core.data.exposures import Exposures
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import LogError, SceneError
 from unisim_blender.core.evaluation.metrics import psnr
@@ -34,7 +35,6 @@ from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.surfels.build import Step, build_surfels, finished, preliminary_surfels
 from unisim_blender.core.render.tracers.surfels.cache import NOT_SURFELS, build_key, surfels_of
-from unisim_blender.core.render.tracers.surfels.exposure import Exposures
 from unisim_blender.core.render.tracers.surfels.model import LIDARSIM, SurfelScene
 from unisim_blender.core.render.tracers.surfels.placed import PlacedSurfels
 from unisim_blender.core.render.tracers.surfels.tracer import SurfelBackend

@@ -26,8 +26,9 @@ Turn = tuple[float, float, float]
 """When the LiDAR looked backward, forward and backward again, seconds."""
 Turns = tuple[FloatArray, FloatArray, FloatArray]
 """Of each of some points, its own turn."""
-STATED = 1
-"""Counter-clockwise, as KITTI's text says: taken where the recording does not tell."""
+USUAL = -1
+"""Clockwise seen from above: taken where the recording does not tell. KITTI's text states the other way, but sweeps of its
+drives lie on each other best so, by halves and at every lag (docs/measurements/layouts.md)."""
 APART, PAIRS = 3, 8
 """Sweeps of a pair are so many frames apart; the fastest pairs of the drive are looked at, at most so many."""
 CELL_M, AGREE = 0.3, 0.95
@@ -38,6 +39,8 @@ LEAST_PAIR_POINTS = 30
 """Points of a pair that tell a spin."""
 SURE = 4.0
 """A spin that is fewer standard errors from 0 is not told."""
+OFF = 0.6
+"""Nor is one further than this from 1 and -1, of the whole or of a half."""
 
 
 @dataclass(frozen=True)
@@ -84,19 +87,26 @@ def fit_spin(
 
 
 def decide(spins: FloatArray) -> Spin:
-    """Return what the spins (K,) of pairs of sweeps tell together."""
+    """Return what the spins (K,) of pairs of sweeps, in order of time, tell together."""
     if len(spins) < 2:
         return Spin(
-            STATED, False, f"nothing tells which way the LiDAR turns: {WORDS[STATED]} is taken, as KITTI states"
+            USUAL, False, f"nothing tells which way the LiDAR turns: {WORDS[USUAL]} is taken, as KITTI's sensor does"
         )
     # pairs share sweeps, so they tell less than so many independent ones
     middle, error = float(np.median(spins)), float(1.4826 * np.median(np.abs(spins - np.median(spins))))
     error = max(error / np.sqrt(len(spins) / APART), 0.01)
     fitted = f"{middle:+.2f} ± {error:.2f}, where +1 is counter-clockwise and -1 clockwise"
     direction = 1 if middle > 0 else -1
-    if abs(middle) < SURE * error or abs(abs(middle) - 1) > 0.6:
+    if abs(middle) < SURE * error or abs(abs(middle) - 1) > OFF:
         why = f"the sweeps do not tell which way the LiDAR turns (fitted spin {fitted}; a slow drive, or poses that do not fit)"
-        return Spin(STATED, False, f"{why}: {WORDS[STATED]} is taken, as KITTI states")
+        return Spin(USUAL, False, f"{why}: {WORDS[USUAL]} is taken, as KITTI's sensor does")
+    halves = [float(np.median(half)) for half in np.array_split(spins, 2)]
+    if max(abs(half - direction) for half in halves) > OFF:
+        why = (
+            f"the halves of the drive contradict each other on which way the LiDAR turns (fitted spins {halves[0]:+.2f} and "
+            f"{halves[1]:+.2f})"
+        )
+        return Spin(USUAL, False, f"{why}: {WORDS[USUAL]} is taken, as KITTI's sensor does")
     return Spin(direction, True, f"the LiDAR turns {WORDS[direction]} (fitted spin {fitted})")
 
 

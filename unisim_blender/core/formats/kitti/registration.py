@@ -23,7 +23,7 @@ from ...geometry import FloatArray, Trajectory, invert_pose, make_pose, quaterni
 from ...json_file import Node, read_json
 from ...world.drive import LidarModel
 from .beams import (
-    STATED,
+    USUAL,
     WORDS,
     KittiBeams,
     PlanePoints,
@@ -246,7 +246,7 @@ def _align(gicp: Any, target: tuple[Any, Any], source: Any, guess: FloatArray, r
     return make_pose(pose[:3, 3], quaternion_from_matrix(pose[:3, :3]))
 
 
-VERSION = 1
+VERSION = 2
 """Counted on whenever what is found changes: what an older program kept is found anew."""
 BEAM_SWEEPS = 4
 TRIED_SWEEPS = 20
@@ -330,7 +330,7 @@ def _stretch(frames: list[int]) -> list[int]:
 
 
 def _planes_of(files: KittiFiles, beams: KittiBeams, every: int) -> Callable[[int], PlanePoints]:
-    model = beams.model(STATED, PERIOD_S)
+    model = beams.model(USUAL, PERIOD_S)
 
     @lru_cache(maxsize=TRIED_SWEEPS)
     def planes(frame: int) -> PlanePoints:

@@ -3,7 +3,7 @@ the actors that are hidden from a sensor."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,13 +18,14 @@ from ...colour import bytes_from_srgb
 from ...errors import OutputError, SimulationError
 from ...formats.rendered import camera_path, lidar_path
 from ...output.frame_files import sweep_points
+from ...render.captures import started_ahead
 from ...render.renderer import Renderer
 from ...render.reuse import FrameReuse
 from ...sensors.frames import CameraFrame, LidarFrame
 from ...sequence.manifest import LABELS
 from ...sequence.plan import CaptureIdentities, RenderPlan
 from ...sequence.records import CaptureRecord, read_records
-from ...sequence.run import RenderCapture, Work, capture_renderer, render_moment
+from ...sequence.run import Work, capture_renderer, render_moment
 from ...world.captures import Capture, CaptureKey, Moment
 from ...world.drive import Drive
 from ..clock import Exposure
@@ -70,15 +71,16 @@ class SimulatedSensors:
     def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
         """Render what ended in a world's drive, write it, and return it as drivers get it, in the order of the exposures."""
         plan = replace(self.plan, drive=drive, captures=self.plan.captures.of_drive(drive))
-        render = capture_renderer(plan, self.renderer, self.reuse)
+        start = capture_renderer(plan, self.renderer, self.reuse)
         identities = None if self.out is None else CaptureIdentities(plan)
         images, sweeps = [], []
         self.unsupported, self.frames = {}, {}
-        for exposure in exposures:
+        ahead = started_ahead(start, (exposure.capture for exposure in exposures))
+        for exposure, waits in zip(exposures, ahead, strict=True):
             if identities is None or self.out is None:
-                shot = render(exposure.capture)
+                shot = waits()
             else:
-                shot = self._written(identities, render, exposure, self.out)
+                shot = self._written(identities, waits, exposure, self.out)
             self.frames[exposure.capture.sensor_id] = shot
             if isinstance(shot, LidarFrame):
                 sweeps.append(delivered_sweep(exposure, sweep_points(shot)))
@@ -89,7 +91,11 @@ class SimulatedSensors:
         return images, sweeps
 
     def _written(
-        self, identities: CaptureIdentities, render: RenderCapture, exposure: Exposure, out: Path
+        self,
+        identities: CaptureIdentities,
+        waits: Callable[[], CameraFrame | LidarFrame],
+        exposure: Exposure,
+        out: Path,
     ) -> CameraFrame | LidarFrame:
         plan = identities.plan
         name, _ = capture_name(plan.drive, exposure.capture)
@@ -105,7 +111,7 @@ class SimulatedSensors:
             shots.append(shot)
             there[name] = record
 
-        render_moment(plan, render, out, Work(moment, wanted, dict(there)), written)
+        render_moment(plan, lambda capture: waits, out, Work(moment, wanted, dict(there)), written)
         return shots[0]
 
     def read(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:

@@ -37,12 +37,13 @@ FIRST_IMAGES = 16
 
 @dataclass(frozen=True)
 class PatchBatch:
-    """Camera rays of B patches of n x n feature cells: rays (B * n * n), camera (B,) numbers, target (B, 3, n * up, n *
-    up); world_from_camera (B, 3, 3) each patch's rotation; shown (B, 1, n * up, n * up), 1 where the lens shows something
-    and 0 where not, None where it does everywhere."""
+    """Camera rays of B patches of n x n feature cells: rays (B * n * n), camera (B,) and view (B,), the image's, numbers, target
+    (B, 3, n * up, n * up); world_from_camera (B, 3, 3) each patch's rotation; shown (B, 1, n * up, n * up), 1 where the lens
+    shows something and 0 where not, None where it does everywhere."""
 
     rays: RayBatch
     camera: Tensor
+    view: Tensor
     target: Tensor
     world_from_camera: Tensor
     cells: int
@@ -152,7 +153,7 @@ class CameraData:
             times.append(rays.time_s)
             targets.append(image[y + pixel[:, None], x + pixel])
             shown.append(_shown(camera.model, self.shown[camera.sensor_id], y + pixel[:, None], x + pixel, u, v, up))
-            numbers.append(np.full(n, number))
+            numbers.append(np.full((n, 2), (number, index)))
             rotations.append(np.broadcast_to(camera.world_from_camera.at(camera.time_s[frame])[:3, :3], (n, 3, 3)))
         return _patch_batch(origins, directions, times, targets, numbers, rotations, cells, shown)
 
@@ -171,7 +172,7 @@ class CameraData:
             rows, columns = y[:, None, None] + edge[:, None], x[:, None, None] + edge
             if len(view):
                 targets.append(self.images.pixels(number, view[:, None, None], rows, columns))
-            numbers.append(np.full(len(view), number))
+            numbers.append(np.stack([np.full(len(view), number), view], -1))
             moments, which = np.unique(self._time_s[view], return_inverse=True)
             rotations.append(camera.world_from_camera.at(moments)[which, :3, :3])
         return _patch_batch(origins, directions, times, targets, numbers, rotations, 1)
@@ -269,7 +270,8 @@ def _patch_batch(
     if any(mask is not None for mask in shown):
         every = [np.ones(t.shape[:3], bool) if m is None else m for m, t in zip(shown, targets, strict=True)]
         marks = torch.as_tensor(np.concatenate(every))[:, None].float()
-    return PatchBatch(batch, torch.as_tensor(np.concatenate(numbers)), target, turned, cells, marks)
+    camera, view = torch.as_tensor(np.concatenate(numbers)).unbind(1)
+    return PatchBatch(batch, camera, view, target, turned, cells, marks)
 
 
 def lidar_captures(log: Log, lidars: Sequence[str], frames: Sequence[int]) -> list[SweepRef]:

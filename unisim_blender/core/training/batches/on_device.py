@@ -146,7 +146,7 @@ class DeviceImages:
             marks, first, known = self.shown
             of_cells = known[at].repeat_interleave(self.up, 1).repeat_interleave(self.up, 2)
             shown = (marks[first[camera][:, None, None] + inside] & of_cells)[:, None].float()
-        return PatchBatch(RayBatch(origins, directions, time_s), camera, target, turned, cells, shown)
+        return PatchBatch(RayBatch(origins, directions, time_s), camera, view, target, turned, cells, shown)
 
 
 def device_bytes(cameras: CameraData, lidar: LidarData) -> int:

@@ -125,6 +125,17 @@ def colour_squares(wrong: Tensor, chroma: float) -> Tensor:
     return wrong.square() + chroma * (wrong - wrong.mean(1, keepdim=True)).square()
 
 
+SATURATED = 0.99
+"""From this colour on a recorded pixel may have been brighter."""
+
+
+def exposed(image: Tensor, log_gain: Tensor, recorded: Tensor) -> Tensor:
+    """Return images (B, 3, H, W) times gains, of logarithms (B, 3); where the ``recorded`` (B, 3, H, W) one is saturated, it is
+    reached by what is brighter."""
+    out = image * log_gain.exp()[:, :, None, None]
+    return torch.where(recorded >= SATURATED, out.clamp_max(1), out)
+
+
 def as_shown(image: Tensor, shown: Tensor | None) -> Tensor:
     """Return images (B, 3, H, W), black where a lens shows nothing (``shown`` (B, 1, H, W) is 0; None: it shows all): whatever
     looks at windows of pixels, across that border, too, then compares what is shown alone."""

@@ -9,7 +9,8 @@ kernels. CPU and GPU place the same samples; sums differ by rounding.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....cuda_driver import BLOCK, Gpu, GpuMemory, GpuMemoryError
+from ....errors import UnisimError
 from ....meshes.hits import MeshHits
 from ....native import BlockToleranceStruct, HeadStruct, LayerStruct, MlpStruct, PlaneStruct
 from ....sensors.camera import camera_rays, line_times, pixel_directions, pixel_grid
@@ -223,6 +225,9 @@ def _widest(layers: Iterable[LayerStruct]) -> int:
 class GpuBackend(CompiledBackend):
     """Trained scenes on a GPU: a `tracer.Backend`."""
 
+    launches = True
+    """Whether an image can be begun before the one before it is waited for (`GpuTracer.lattice_image`)."""
+
     def __init__(
         self,
         scene: GpuScene,
@@ -327,30 +332,34 @@ class GpuTracer(CompiledTracer):
         size: int,
         spread: float,
         passes: set[str],
-        stats: RenderStats,
-    ) -> Maps | None:
-        """Return colours, passes, and what depths are multiplied by along the optical axis, "along", of an image's rows
-        and columns ``cells``, (h w, ...), traced from a lattice of ``size`` with ``spread`` as in
-        `lattice.progressive_strides`; None where the GPU cannot finish the image. Where a cell is several pixels, its
-        colours are theirs: (h w, up up 3), as they lie in the image of (h up, w up).
+    ) -> Callable[[RenderStats], Maps | None] | None:
+        """Launch the rows and columns ``cells`` of an image, traced from a lattice of ``size`` with ``spread`` as in
+        `lattice.progressive_strides`; None where the GPU cannot finish the image. The function that is returned waits: colours,
+        passes, and what depths are multiplied by along the optical axis, "along", (h w, ...), or None where memory did not
+        suffice. Where a cell is several pixels, its colours are theirs: (h w, up up 3), as they lie in the image of
+        (h up, w up).
         """
-        scene, (rows, columns) = self._scenes[0], cells
-        if self.space is not None or self._foreign or not scene.decodes:
+        if self.space is not None or self._foreign or not self._scenes[0].decodes:
             return None
         self._gpu.enter()
-        try:
-            while True:
-                with GpuMemory(self._gpu, reuse=True) as memory:
-                    image = LatticeImage(memory, self, camera, time_s, (rows, columns), size, spread, passes)
-                    if not image.sound:
-                        return None
-                    image.render()
-                    maps = image.result(stats)
-                if maps is not None:
-                    return maps
-                scene.room *= 2
-        except GpuMemoryError:
+
+        def launched() -> LatticeImage:
+            return LatticeImage(self, camera, time_s, cells, size, spread, passes)
+
+        def finish(stats: RenderStats) -> Maps | None:
+            self._gpu.enter()
+            with suppress(GpuMemoryError):
+                image = images.pop()
+                while (maps := image.result(stats)) is None:
+                    self._scenes[0].room = max(self._scenes[0].room, 2 * image.room)
+                    image = launched()
+                return maps
             return None
+
+        with suppress(GpuMemoryError):
+            images = [launched()]
+            return finish if images[0].sound else None
+        return None
 
     def _active(self, memory: GpuMemory, rays: Rays, slack_rad: float = 0.0) -> tuple[ActiveActorsStruct, int]:
         """Return the active actors that these rays can hit, on the GPU, and the number of the others."""
@@ -406,11 +415,10 @@ PASSES: dict[str, tuple[str, int, type[Any]]] = {
 
 class LatticeImage:
     """One image in a GPU's memory, traced from a lattice: everything is launched at once, and only the finished passes are
-    copied."""
+    copied, beside the launches of the next image."""
 
     def __init__(
         self,
-        memory: GpuMemory,
         tracer: GpuTracer,
         camera: Camera,
         time_s: float,
@@ -419,7 +427,13 @@ class LatticeImage:
         spread: float,
         passes: set[str],
     ) -> None:
-        self._memory, self._gpu, self._tracer, self._passes = memory, memory.gpu, tracer, passes
+        self._gpu, self._tracer, self._passes = tracer._gpu, tracer, passes
+        memory, results = self._memory, self._results = (
+            GpuMemory(self._gpu, reuse=True),
+            GpuMemory(self._gpu, reuse=True),
+        )
+        self._copied: ctypes.c_void_p | None = None
+        self.room = tracer._scenes[0].room
         (rows, columns), model, scene = cells, camera.model, tracer._scenes[0]
         self._up = up = tracer.upsample
         self._shape = shape = rows.stop - rows.start, columns.stop - columns.start
@@ -437,15 +451,15 @@ class LatticeImage:
         active, self._skipped = tracer._active(memory, grid, 2 * GRID_PX * up / least_pixels_per_rad(model))
         origins, directions, times = (memory.allocate(8 * n * width) for width in (3, 3, 1))
         order = memory.allocate(8 * n)
-        self._at = {"rgb": memory.allocate(12 * n * up**2)}
+        self._at = {"rgb": results.allocate(12 * n * up**2)}
         names = passes | ({"depth", "instance"} if "unsupported" in passes else set()) | {"opacity"}
         for name in sorted(names):
             _, width, kind = PASSES[name]
-            self._at[name] = memory.allocate(n * width * np.dtype(kind).itemsize)
+            self._at[name] = results.allocate(n * width * np.dtype(kind).itemsize)
         if "depth" in passes:
-            self._at["along"] = memory.allocate(4 * n)
-        self._counts = memory.allocate(8 * LAUNCHES, clear=True)
-        self._samples = memory.allocate(8, clear=True)
+            self._at["along"] = results.allocate(4 * n)
+        # evaluated samples, and pixels of each launch
+        self._numbers = results.allocate(8 * (1 + LAUNCHES), clear=True)
         head, convolutions, count = scene.network(camera.sensor_id)
         planes = [PlaneStruct(self._at["rgb"], 3, 4, MAP_KINDS["rgb"])]
         for name in sorted(passes):
@@ -459,9 +473,9 @@ class LatticeImage:
             block_tolerance(spread), scene.observed if "unsupported" in passes else None,
             self._at["rgb"], self._at.get("along"), self._at.get("unsupported"),
             memory.allocate(n), memory.allocate(n), memory.allocate(n // 3 + 1, clear=True), order,
-            self._counts,
+            self._numbers + 8,
         )  # fmt: skip
-        results = {PASSES[name][0]: at for name, at in self._at.items() if name in PASSES and PASSES[name][0]}
+        of_rays = {PASSES[name][0]: at for name, at in self._at.items() if name in PASSES and PASSES[name][0]}
         self._inputs = TraceInputsStruct(
             scene.struct()[0],
             active,
@@ -471,17 +485,33 @@ class LatticeImage:
             TraceResultStruct(
                 feature=memory.allocate(4 * n * head.features),
                 depth=memory.allocate(4 * n),
-                samples=self._samples,
-                **results,
+                samples=self._numbers,
+                **of_rays,
             ),
         )
-        self._refused = memory.allocate(8 * (n + 1), clear=True)
+        self._refused = results.allocate(8 * (n + 1), clear=True)
         threads = min(THREADS, -(-n // BLOCK) * BLOCK)
-        self._room = launch_memory(memory, threads, SAMPLES * scene.room, SEGMENTS * scene.room)
+        self._room = launch_memory(memory, threads, SAMPLES * self.room, SEGMENTS * self.room)
         self._traces = 0
+        self._launch_all()
+        self._maps = {name: self._pinned(name) for name in self._at if name in ("rgb", "along", *passes)}
+        self._found = {
+            at: self._gpu.pinned((n,), np.int64) for at, n in ((self._refused, 1), (self._numbers, 1 + LAUNCHES))
+        }
+        copies = [*((self._at[name], values) for name, values in self._maps.items()), *self._found.items()]
+        self._copied = self._gpu.copy(copies)
+        memory.release()
 
-    def render(self) -> None:
-        """Launch all of it."""
+    def __del__(self) -> None:
+        with suppress(UnisimError):
+            if self._copied is not None:
+                self._gpu.wait(self._copied)
+
+    def _pinned(self, name: str) -> NDArray[Any]:
+        _, width, kind = PASSES.get(name, ("", 3 * self._up**2 if name == "rgb" else 1, np.float32))
+        return self._gpu.pinned((self._pixels, width) if width > 1 else (self._pixels,), kind)
+
+    def _launch_all(self) -> None:
         image, size = self._image, self._image.size
         self._launch("begin_image", self._pixels, image)
         self._trace({size, 1})
@@ -496,7 +526,7 @@ class LatticeImage:
     def _trace(self, strides: set[int]) -> None:
         """Trace the pixels that are wanted, at multiples of the strides."""
         assert self._traces < LAUNCHES
-        count = ctypes.c_void_p(self._counts + 8 * self._traces)
+        count = ctypes.c_void_p(self._numbers + 8 * (1 + self._traces))
         self._traces += 1
         for stride in strides:
             self._launch(
@@ -510,28 +540,22 @@ class LatticeImage:
         self._gpu.launch(f"unisim_{name}", min(max(threads, 1), PIXEL_THREADS), arguments)
 
     def result(self, stats: RenderStats) -> Maps | None:
-        """Return the finished passes; None where a thread's room did not suffice."""
-        maps: Maps = {}
-        for name in ("rgb", *sorted(self._passes), *(("along",) if "depth" in self._passes else ())):
-            _, width, kind = PASSES.get(name, ("", 3 * self._up**2 if name == "rgb" else 1, np.float32))
-            maps[name] = self._gpu.pinned((self._pixels, width) if width > 1 else (self._pixels,), kind)
-            self._gpu.copy(self._at[name], maps[name])
-        numbers = {at: np.zeros(count, np.int64) for at, count in (
-            (self._refused, 1), (self._counts, LAUNCHES), (self._samples, 1)
-        )}  # fmt: skip
-        for at, values in numbers.items():
-            self._memory.download(at, values)
-        self._gpu.wait()
-        refused, counts, samples = numbers.values()
+        """Wait, and return the finished passes; None where a thread's room did not suffice."""
+        assert self._copied is not None
+        self._gpu.wait(self._copied)
+        self._copied = None
+        self._memory.free()
+        self._results.free()
+        refused, (spent, *counts) = (values.tolist() for values in self._found.values())
         if refused[0]:
             return None
-        traced, spent = int(counts.sum()), int(samples[0])
+        traced = sum(counts)
         stats.rays += traced
         stats.actors_skipped += self._skipped
         stats.samples_spent += spent
         uniform = self._tracer._uniform(self._grid) * traced // len(self._grid.time_s)
         stats.samples_saved += max(0, uniform - spent)
-        return maps
+        return self._maps
 
 
 def _sparse_rays(camera: Camera, time_s: float, rows: slice, columns: slice, up: int) -> Rays:

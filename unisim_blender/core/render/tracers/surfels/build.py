@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .... import native
+from ....data.exposures import Exposures
 from ....data.log import Log, Sweep
 from ....data.own_vehicle import Outline
 from ....errors import LogError, SceneError
@@ -25,7 +26,6 @@ from ....world.replay import with_windows
 from ...tracer import NEAR_M
 from .cloud import PointSums, cube_keys, gather_sweep, part_of, summed
 from .colours import SurfelPainter
-from .exposure import Exposures
 from .ground import HeightGrid, height_grid
 from .model import DropTable, SurfelScene, SurfelSet, SurfelSettings, joined, make_faces
 from .placed import NO_OWNER, STATIC_OWNER, PlacedSurfels, carried

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ....data.exposures import Exposures
 from ....data.own_vehicle import Outline, check_outlines, outlines_from_json, outlines_to_json
 from ....errors import SceneError, in_a_line
 from ....files import BROKEN_ARRAYS
@@ -21,7 +22,6 @@ from ....geometry import BoolArray, FloatArray
 from ....json_file import Node, read_json
 from ....meshes.intersect import NODE, Triangles, check_boxes
 from ....ops.constants import GROUND_CLEARANCE_M
-from .exposure import Exposures
 from .ground import HeightGrid
 
 Bins = NDArray[np.int64]
