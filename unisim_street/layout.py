@@ -37,7 +37,7 @@ _TRAFFIC_END_M = 10.0
 _PARKED_STYLES = ("sedan", "hatchback", "suv", "estate", "van", "hatchback", "suv", "sedan")
 
 
-Kind = Literal["straight", "night", "curve", "crossing"]
+StreetKind = Literal["straight", "night", "curve", "crossing"]
 CURVE_RADIUS_M, CURVE_RAD = 60.0, np.pi / 2
 """Radius of a curve at the middle line, and how far it turns: from 4 m ahead of the drive's start, odd seeds to the right."""
 _TURN_RADIUS_M, _TURN_SPEED_M_S = 5.5, 5.5
@@ -76,7 +76,7 @@ def lay_out(
     speed_m_s: float = SPEED_M_S,
     turns_deg: Sequence[float] = (),
     traffic_leaves: bool = False,
-    kind: Kind = "straight",
+    kind: StreetKind = "straight",
     people: int = 0,
     thin: bool = False,
 ) -> Layout:

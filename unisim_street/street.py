@@ -27,8 +27,8 @@ from unisim_blender.core.scenes.scene import Scene
 from unisim_blender.core.world.drive import Camera, CameraModel, Drive, Lidar
 
 from .assets.road import MAX_TURN_DEG, Course, RoadPlan
-from .layout import FRAME_S, SPEED_M_S, Kind, ego_poses, lay_out
-from .paint.light import DAY, Light, night
+from .layout import FRAME_S, SPEED_M_S, StreetKind, ego_poses, lay_out
+from .paint.light import DAY, StreetLight, night
 from .tracing.trace import Asset
 
 
@@ -53,7 +53,7 @@ STREET_LENSES = {
 
 RECIPE_FILE = "street.json"
 RECIPE_FORMAT, RECIPE_VERSION = "unisim-street", 1
-KINDS = get_args(Kind)
+KINDS = get_args(StreetKind)
 """A straight street by day, which may have bends; the same by night; a curve; a crossing with cars that turn."""
 MAX_FRAMES = 1000
 MAX_SPEED_M_S, MAX_TURNS, MAX_PEOPLE = 40.0, 20, 100
@@ -95,7 +95,7 @@ class Recipe:
     lens: str = DEFAULT_LENS
     speed_m_s: float = SPEED_M_S
     turns_deg: tuple[float, ...] = ()
-    kind: Kind = "straight"
+    kind: StreetKind = "straight"
     people: int = 0
     thin: bool = False
 
@@ -166,7 +166,7 @@ class Street:
     ground: Asset
     static: Asset
     assets: dict[str, Asset]
-    light: Light = DAY
+    light: StreetLight = DAY
     others: Mapping[str, Street] = field(default_factory=dict)
     thin: int = 0
     """How many of the last parts of ``static`` are wires, masts, railings and fences."""
@@ -193,7 +193,7 @@ def build_street(
     lens: str = DEFAULT_LENS,
     speed_m_s: float = SPEED_M_S,
     turns_deg: tuple[float, ...] = (),
-    kind: Kind = "straight",
+    kind: StreetKind = "straight",
     people: int = 0,
     thin: bool = False,
 ) -> Street:

@@ -27,7 +27,7 @@ from .paint.light import (
     LAMP_COLOUR,
     LAMP_REACH_M,
     SUN,
-    Light,
+    StreetLight,
     display,
     lamp_light,
     shade,
@@ -373,7 +373,7 @@ class StreetWorld:
     street_from_world: FloatArray
     owners: NDArray[np.int32]
     """For each placement, the index in ``instances`` of its actor plus 1, whose limbs come after the actors; 0 for others."""
-    light: Light = DAY
+    light: StreetLight = DAY
 
     @property
     def first_actor(self) -> int:

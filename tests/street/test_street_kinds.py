@@ -15,13 +15,13 @@ from unisim_blender.core.evaluation.autonomy.document import bev_iou
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import FloatArray, Trajectory
 from unisim_blender.core.world.drive import Actor
-from unisim_street.layout import EGO_Y_M, Kind
+from unisim_street.layout import EGO_Y_M, StreetKind
 from unisim_street.paint.light import lamp_light
 from unisim_street.street import Recipe, Street, build_street, load_street
 from unisim_street.truth import lamplight, make_world, trace_view, truth_camera
 from unisim_street.usual_edits import usual_edits
 
-KINDS: tuple[Kind, ...] = ("night", "curve", "crossing")
+KINDS: tuple[StreetKind, ...] = ("night", "curve", "crossing")
 
 
 def _footprint(actor: Actor, time_s: float) -> FloatArray:
@@ -32,7 +32,7 @@ def _footprint(actor: Actor, time_s: float) -> FloatArray:
 @pytest.mark.parametrize("frames", [20, 80, 160])
 @pytest.mark.parametrize("seed", [0, 1, 5])
 @pytest.mark.parametrize("kind", ["straight", *KINDS])
-def test_nothing_drives_through_anything(kind: Kind, seed: int, frames: int) -> None:
+def test_nothing_drives_through_anything(kind: StreetKind, seed: int, frames: int) -> None:
     drive = build_street(seed, frames, 32, 18, kind=kind).drive
     for frame in drive.frames[:: 4 if frames < 100 else 8]:
         time_s = drive.time_s[frame]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from ..layout import Kind
+    from ..layout import StreetKind
 
 LENSES = ("pinhole", "opencv", "fisheye", "ftheta", "mei")
 ENGINES = ("exact", "cycles")
@@ -63,7 +63,7 @@ def command(
     speed: float,
     turns: str,
     thin: bool,
-    kind: Kind,
+    kind: StreetKind,
     people: int,
     engine: str,
     paths: int,

@@ -30,7 +30,7 @@ from unisim_blender.core.world.drive import CameraModel
 
 from ..drawing.atlas import AssetModel
 from ..drawing.image_setup import SHUTTER_KEYS, DrawnModel, ImageSetup
-from ..paint.light import DAY, Light
+from ..paint.light import DAY, StreetLight
 from ..paint.materials import Finish
 from .surfaces import add_daylight, add_night, image_of, material_of
 
@@ -113,7 +113,7 @@ class CyclesPainter:
     """Renders images, one after the other; what stays between two is not loaded again. ``paths``:
     Cycles' paths a pixel."""
 
-    def __init__(self, paths: int, light: Light = DAY) -> None:
+    def __init__(self, paths: int, light: StreetLight = DAY) -> None:
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self.scene = bpy.context.scene
         self._meshes: dict[AssetModel, bpy.types.Mesh] = {}

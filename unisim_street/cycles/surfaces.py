@@ -10,7 +10,7 @@ import mathutils
 import numpy as np
 from numpy.typing import NDArray
 
-from ..paint.light import LAMP_COLOUR, LAMP_DROP_M, SUN, SUN_SPREAD_RAD, Light, clouds
+from ..paint.light import LAMP_COLOUR, LAMP_DROP_M, SUN, SUN_SPREAD_RAD, StreetLight, clouds
 from ..paint.materials import Finish
 
 GLASS_ROUGHNESS = 0.015
@@ -100,7 +100,7 @@ NIGHT_LIGHT, LAMP_WATTS = 1.4, 1200.0
 """Of a night's sky and moon, for each unit of the exact street's light; of a lamp."""
 
 
-def add_night(scene: bpy.types.Scene, light: Light) -> None:
+def add_night(scene: bpy.types.Scene, light: StreetLight) -> None:
     """Give a scene a moon, a sky of one colour and lamps, where the exact street's are."""
     moon = np.maximum(light.sun, 1e-9)
     _add_sun(scene, NIGHT_LIGHT * float(moon.max()), tuple(moon / moon.max()))

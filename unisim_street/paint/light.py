@@ -26,7 +26,7 @@ LAMP_DROP_M, _HEAD_M, _MAX_LAMP_LIGHT = 0.15, 0.4, 40.0
 
 
 @dataclass(frozen=True, eq=False)
-class Light:
+class StreetLight:
     """Linear colours (3,): the sun's or the moon's, both at `SUN`; of the sky's zenith, horizon and clouds; light from the ground
     and from the sky. lamps (L, 3): places of lamps, street frame."""
 
@@ -39,17 +39,19 @@ class Light:
     lamps: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
 
 
-DAY = Light()
+DAY = StreetLight()
 
 
-def night(lamps: FloatArray) -> Light:
+def night(lamps: FloatArray) -> StreetLight:
     """Return the light of a night with lamps (L, 3) in a town whose glow lies on the horizon."""
     colours = ([0.020, 0.024, 0.032], [0.004, 0.007, 0.018], [0.040, 0.030, 0.026], [0.030, 0.026, 0.026])
     sun, zenith, horizon, cloud = (np.array(colour) for colour in colours)
-    return Light(sun, zenith, horizon, cloud, np.array([0.030, 0.024, 0.018]), np.array([0.020, 0.022, 0.030]), lamps)
+    return StreetLight(
+        sun, zenith, horizon, cloud, np.array([0.030, 0.024, 0.018]), np.array([0.020, 0.022, 0.030]), lamps
+    )
 
 
-def sky(directions: FloatArray, light: Light = DAY) -> FloatArray:
+def sky(directions: FloatArray, light: StreetLight = DAY) -> FloatArray:
     """Linear radiance (N, 3) of the sky in unit directions (N, 3); below the horizon that of distant ground."""
     up = directions[:, 2]
     rise = np.clip(up, 0.0, 1.0)
@@ -78,7 +80,7 @@ def shade(
     sunlit: FloatArray,
     ambient: FloatArray,
     lamps: FloatArray | float = 0.0,
-    light: Light = DAY,
+    light: StreetLight = DAY,
 ) -> FloatArray:
     """Linear radiance (N, 3) that leaves surfaces against ``directions`` (N, 3): Lambert, with a little Fresnel gloss.
 
