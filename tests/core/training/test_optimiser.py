@@ -12,6 +12,7 @@ from small_log import write_small_log
 
 from unisim_blender.core import native
 from unisim_blender.core.ops.devices import torch_threads
+from unisim_blender.core.ops.mlp import two_layers_compiled, two_layers_reference
 from unisim_blender.core.training.setup import Adam, CompiledAdam
 
 
@@ -81,3 +82,19 @@ def test_compiled_steps_are_torchs_and_leave_gradients_of_zero() -> None:
     assert all(torch.equal(a, b) for a, b in zip(*results[:2], strict=True))
     for a, b in zip(results[0], results[2], strict=True):
         torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-6 * float(b.abs().max()))
+
+
+@pytest.mark.skipif(native.library() is None, reason="needs the compiled kernels")
+def test_points_of_zero_gradient_have_none_and_change_no_sum() -> None:
+    generator = torch.Generator().manual_seed(1)
+    x = torch.randn(300, 9, generator=generator)
+    weights = [torch.randn(*shape, generator=generator) for shape in ((20, 9), (5, 20), (5,))]
+    of_output = torch.randn(300, 5, generator=generator) * (torch.rand(300, 1, generator=generator) < 0.6)
+    of_output[128:256] = 0.0
+    results = []
+    for layers in (two_layers_compiled, two_layers_reference):
+        inputs = [v.clone().requires_grad_() for v in (x, *weights)]
+        layers(*inputs).backward(of_output)
+        results.append([v.grad for v in inputs])
+    for a, b in zip(*results, strict=True):
+        torch.testing.assert_close(a, b, rtol=1e-4, atol=1e-4)
