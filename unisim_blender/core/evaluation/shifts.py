@@ -82,8 +82,8 @@ Key = tuple[str, str, float]
 def shift_curve(
     scene: Path, log_path: Path, out: Path, options: EvaluationOptions, shifts: ShiftOptions, progress: Progress
 ) -> dict[str, Any]:
-    """Measure the shift curve of a trained scene and of what is beside it, and write shifts.json, shifts.md, views.png and, where
-    matplotlib is there, shifts.png to ``out``; the metrics. Raises `UnisimError`."""
+    """Measure the shift curve of a trained scene and of what is beside it, and write shifts.md, views.png and, where
+    matplotlib is there, shifts.png to ``out`` after each row, and shifts.json; the metrics. Raises `UnisimError`."""
     header = open_scene(scene).header
     log = aligned_log(header, open_log(log_path))
     detector: ShiftDetector = named_function("--detector", shifts.detector, "nothing")()
@@ -107,19 +107,20 @@ def shift_curve(
     known = known_log(drive_in(log_path))
     if known is not None:
         rows[TRUTH] = partial(run.of_truth, known, trained)
-    recalls = {}
-    for name, row in rows.items():
-        recalls[name] = run.measure(name, row(), progress)
-    document: dict[str, Any] = {
+    about = {
         "scene": header.name, "log": log.drive.name, "detector": shifts.detector, "cameras": list(cameras),
         "lidars": list(lidars), "width": run.width, "frames": list(run.frames), "code": code_identity(),
-        "curves": curves(recalls),
     }  # fmt: skip
-    write_file(out / "shifts.json", json_bytes(document))
-    write_file(out / "shifts.md", ("\n".join(tables(document["curves"])) + "\n").encode())
-    if run.views:
-        write_contact_sheet(out / "views.png", list(run.views.values()))
-    write_plot(out / "shifts.png", document["curves"])
+    recalls: dict[str, dict[Key, Recall]] = {}
+    document: dict[str, Any] = {}
+    for name, row in rows.items():
+        recalls[name] = run.measure(name, row(), progress)
+        document = {**about, "curves": curves(recalls)}
+        write_file(out / "shifts.md", ("\n".join(tables(document["curves"])) + "\n").encode())
+        if run.views:
+            write_contact_sheet(out / "views.png", list(run.views.values()))
+        write_plot(out / "shifts.png", document["curves"])
+    write_file(out / "shifts.json", json_bytes(document))  # last: where it is, it is whole
     return document
 
 
