@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from ..colour import bytes_from_srgb
 from ..data.images import resize_image
 from ..data.log import Log
+from ..errors import UnisimError
 from ..files import holds_out, write_file
 from ..formats.readers import drive_in, open_log
 from ..geometry import FloatArray, invert_pose, transform_points
@@ -94,6 +95,11 @@ def shift_curve(
     among = [frame for frame in log.drive.frames if frame not in trained] or log.drive.frames
     if options.frames is not None:
         among = select_frames(options.frames, log.drive.frames)
+    # what was not recorded has no labels that count, and would count for false alarms
+    files = [*map(log.image_frames, cameras), *map(log.sweep_frames, lidars)]
+    among = [frame for frame in among if all(frame in recorded for recorded in files)]
+    if not among:
+        raise UnisimError(f"{log_path}: has no frame of {', '.join((*cameras, *lidars))} to look at that was recorded")
     run = ShiftRun(
         log, detector, cameras, lidars, options.width or header.training.get("width"),
         spread_frames(log.drive, shifts.count, among), {shift: _scenario(out, log_path, shift) for shift in SHIFTS_M},
