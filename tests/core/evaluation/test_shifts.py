@@ -151,6 +151,16 @@ def test_the_command_measures_scene_surfels_and_truth(tmp_path: Path, monkeypatc
         "--out",
         "out",
     ]
+    for name in ("camera/front_camera/01.jpg", "lidar/03.pkl.gz"):
+        moved = log / name
+        moved = moved if moved.exists() else next(moved.parent.glob(moved.name.split(".")[0] + ".*"))
+        moved.rename(moved.with_name("away"))
+        (tmp_path / name.replace("/", "-")).write_text(str(moved))
+    none = CliRunner().invoke(unisim, [*asked, "--detector", "saturated:detector"])
+    assert isinstance(none.exception, UnisimError) and "to look at that was recorded" in str(none.exception)
+    for name in ("camera/front_camera/01.jpg", "lidar/03.pkl.gz"):
+        moved = Path((tmp_path / name.replace("/", "-")).read_text())
+        moved.with_name("away").rename(moved)
     refused = CliRunner().invoke(unisim, asked)
     assert refused.exit_code == 2 and "--shifts, --detector" in refused.output
     refused = CliRunner().invoke(unisim, [*asked, "--detector", "saturated:missing"])

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from ..colour import bytes_from_srgb
 from ..data.images import resize_image
 from ..data.log import Log
+from ..errors import UnisimError
 from ..files import holds_out, write_file
 from ..formats.readers import drive_in, open_log
 from ..geometry import FloatArray, invert_pose, transform_points
@@ -82,8 +83,8 @@ Key = tuple[str, str, float]
 def shift_curve(
     scene: Path, log_path: Path, out: Path, options: EvaluationOptions, shifts: ShiftOptions, progress: Progress
 ) -> dict[str, Any]:
-    """Measure the shift curve of a trained scene and of what is beside it, and write shifts.json, shifts.md, views.png and, where
-    matplotlib is there, shifts.png to ``out``; the metrics. Raises `UnisimError`."""
+    """Measure the shift curve of a trained scene and of what is beside it, and write shifts.md, views.png and, where
+    matplotlib is there, shifts.png to ``out`` after each row, and shifts.json; the metrics. Raises `UnisimError`."""
     header = open_scene(scene).header
     log = aligned_log(header, open_log(log_path))
     detector: ShiftDetector = named_function("--detector", shifts.detector, "nothing")()
@@ -94,6 +95,11 @@ def shift_curve(
     among = [frame for frame in log.drive.frames if frame not in trained] or log.drive.frames
     if options.frames is not None:
         among = select_frames(options.frames, log.drive.frames)
+    # what was not recorded has no labels that count, and would count for false alarms
+    files = [*map(log.image_frames, cameras), *map(log.sweep_frames, lidars)]
+    among = [frame for frame in among if all(frame in recorded for recorded in files)]
+    if not among:
+        raise UnisimError(f"{log_path}: has no frame of {', '.join((*cameras, *lidars))} to look at that was recorded")
     run = ShiftRun(
         log, detector, cameras, lidars, options.width or header.training.get("width"),
         spread_frames(log.drive, shifts.count, among), {shift: _scenario(out, log_path, shift) for shift in SHIFTS_M},
@@ -107,19 +113,20 @@ def shift_curve(
     known = known_log(drive_in(log_path))
     if known is not None:
         rows[TRUTH] = partial(run.of_truth, known, trained)
-    recalls = {}
-    for name, row in rows.items():
-        recalls[name] = run.measure(name, row(), progress)
-    document: dict[str, Any] = {
+    about = {
         "scene": header.name, "log": log.drive.name, "detector": shifts.detector, "cameras": list(cameras),
         "lidars": list(lidars), "width": run.width, "frames": list(run.frames), "code": code_identity(),
-        "curves": curves(recalls),
     }  # fmt: skip
-    write_file(out / "shifts.json", json_bytes(document))
-    write_file(out / "shifts.md", ("\n".join(tables(document["curves"])) + "\n").encode())
-    if run.views:
-        write_contact_sheet(out / "views.png", list(run.views.values()))
-    write_plot(out / "shifts.png", document["curves"])
+    recalls: dict[str, dict[Key, Recall]] = {}
+    document: dict[str, Any] = {}
+    for name, row in rows.items():
+        recalls[name] = run.measure(name, row(), progress)
+        document = {**about, "curves": curves(recalls)}
+        write_file(out / "shifts.md", ("\n".join(tables(document["curves"])) + "\n").encode())
+        if run.views:
+            write_contact_sheet(out / "views.png", list(run.views.values()))
+        write_plot(out / "shifts.png", document["curves"])
+    write_file(out / "shifts.json", json_bytes(document))  # last: where it is, it is whole
     return document
 
 
