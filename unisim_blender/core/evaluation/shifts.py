@@ -73,7 +73,7 @@ class ShiftedSensors:
     returns: Callable[[str, int], FloatArray | None]
 
 
-Row = Mapping[float, Callable[[], ShiftedSensors]]
+ShiftRow = Mapping[float, Callable[[], ShiftedSensors]]
 """A row of the curve, by shift."""
 Key = tuple[str, str, float]
 """Kind of sensor, class, and shift."""
@@ -104,7 +104,7 @@ def shift_curve(
         log, detector, cameras, lidars, options.width or header.training.get("width"),
         spread_frames(log.drive, shifts.count, among), {shift: _scenario(out, log_path, shift) for shift in SHIFTS_M},
     )  # fmt: skip
-    rows: dict[str, Callable[[], Row]] = {RECORDED: run.recorded, OURS: partial(run.of_scene, scene, options)}
+    rows: dict[str, Callable[[], ShiftRow]] = {RECORDED: run.recorded, OURS: partial(run.of_scene, scene, options)}
     for name in shifts.beside:
         if name in SURFEL_METHODS:
             rows[name] = partial(run.of_log, name, trained or None, options)
@@ -158,7 +158,7 @@ class ShiftRun:
         if not hasattr(self.detector, "in_sweep"):
             self.lidars = ()
 
-    def recorded(self) -> Row:
+    def recorded(self) -> ShiftRow:
         """Return what was recorded, which is not shifted."""
         drive = self.log.drive
 
@@ -175,7 +175,7 @@ class ShiftRun:
 
         return {0.0: lambda: ShiftedSensors(drive, image, returns)}
 
-    def of_scene(self, scene: Path, options: EvaluationOptions) -> Row:
+    def of_scene(self, scene: Path, options: EvaluationOptions) -> ShiftRow:
         """Return what a trained scene renders."""
         renderer = Renderer(load_backend(open_scene(scene), {}, options.quality, options.device))
 
@@ -185,7 +185,7 @@ class ShiftRun:
 
         return self._row(sensors)
 
-    def of_log(self, name: str, frames: tuple[int, ...] | None, options: EvaluationOptions) -> Row:
+    def of_log(self, name: str, frames: tuple[int, ...] | None, options: EvaluationOptions) -> ShiftRow:
         """Return what a renderer without a scene makes of frames of the log."""
         method = untrained_renderer(name, self.log, frames or self.log.drive.frames, options.quality)
 
@@ -195,7 +195,7 @@ class ShiftRun:
 
         return self._row(sensors)
 
-    def of_truth(self, known: KnownLog, trained: tuple[int, ...]) -> Row:
+    def of_truth(self, known: KnownLog, trained: tuple[int, ...]) -> ShiftRow:
         """Return what the sensors would truly see."""
 
         def sensors(path: Path) -> ShiftedSensors:
@@ -209,7 +209,7 @@ class ShiftRun:
 
         return self._row(sensors)
 
-    def _row(self, sensors: Callable[[Path], ShiftedSensors]) -> Row:
+    def _row(self, sensors: Callable[[Path], ShiftedSensors]) -> ShiftRow:
         return {shift: partial(sensors, path) for shift, path in self.scenarios.items()}
 
     def _rendered(self, renderer: TimedRenderer, drive: Drive) -> ShiftedSensors:
@@ -225,7 +225,7 @@ class ShiftRun:
         model = drive.cameras[camera].model
         return model if self.width is None else model.resized(self.width)
 
-    def measure(self, name: str, row: Row, progress: Progress) -> dict[Key, Recall]:
+    def measure(self, name: str, row: ShiftRow, progress: Progress) -> dict[Key, Recall]:
         """Detect in all frames of a row in which the vehicle stands in no actor."""
         recalls: dict[Key, Recall] = {}
         made: tuple[float, ShiftedSensors] | None = None
