@@ -45,7 +45,7 @@ class StreetTracer:
     quality: Quality
     upsample: int = 1
     reach: int = 0
-    trained_width: int | None = None
+    trained_width: int | None = 0
 
     def trace(
         self, rays: Rays, passes: set[str], sky: bool, mesh_hits: object, stats: RenderStats

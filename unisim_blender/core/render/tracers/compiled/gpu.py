@@ -351,16 +351,17 @@ class GpuTracer(CompiledTracer):
         size: int,
         spread: float,
         passes: set[str],
+        undeciding: set[str],
     ) -> Callable[[RenderStats], Maps | None] | None:
         """Launch the rows and columns ``cells`` of an image, traced from a lattice of ``size`` with ``spread`` as in
-        `lattice.progressive_strides`; None where the GPU cannot finish the image. The function that is returned waits: colours,
-        passes, and what depths are multiplied by along the optical axis, "along", (h w, ...), or None where memory did not
-        suffice. Where a cell is several pixels, its colours are theirs: (h w, up up 3), as they lie in the image of
-        (h up, w up).
+        `lattice.progressive_strides`, which does not look at the passes ``undeciding``; None where the GPU cannot finish the
+        image. The function that is returned waits: colours, passes, and what depths are multiplied by along the optical
+        axis, "along", (h w, ...), or None where memory did not suffice. Where a cell is several pixels, its colours are
+        theirs: (h w, up up 3), as they lie in the image of (h up, w up).
         """
         if self.space is not None or self._foreign or not self._scenes[0].decodes:
             return None
-        return self._begun(lambda: LatticeImage(self, camera, time_s, cells, size, spread, passes))
+        return self._begun(lambda: LatticeImage(self, camera, time_s, cells, size, spread, passes, undeciding))
 
     def sweep(self, lidar: Lidar, time_s: float) -> Callable[[RenderStats], Maps | None] | None:
         """Launch the sweep at ``time_s``; None where the GPU cannot finish it. The function that is returned waits: the
@@ -567,6 +568,7 @@ class LatticeImage(Launched):
         size: int,
         spread: float,
         passes: set[str],
+        undeciding: set[str],
     ) -> None:
         super().__init__(tracer)
         memory, results = self._memory, self._results
@@ -599,7 +601,9 @@ class LatticeImage(Launched):
         planes = [PlaneStruct(self._at["rgb"], 3, 4, MAP_KINDS["rgb"])]
         for name in sorted(passes):
             _, width, kind = PASSES[name]
-            planes.append(PlaneStruct(self._at[name], width, np.dtype(kind).itemsize, MAP_KINDS.get(name, 3)))
+            copied = 6 if np.dtype(kind).kind != "f" else 3
+            number = copied if name in undeciding else MAP_KINDS.get(name, 3)
+            planes.append(PlaneStruct(self._at[name], width, np.dtype(kind).itemsize, number))
         self._image = ImageInputsStruct(
             *shape, rows.start, columns.start, up, -(-model.width // up), by_columns, model.fx, model.fy, model.cx, model.cy,
             scene.lens(model), memory.upload(doubles(poses)), memory.upload(doubles(moments)),
