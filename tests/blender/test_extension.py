@@ -66,7 +66,7 @@ def test_it_is_small_and_whole(archive: Path) -> None:
     """Our licence and those of all wheels, one platform, no torch; Blender keeps one wheel of a name."""
     content = zipfile.ZipFile(archive)
     names = content.namelist()
-    assert archive.stat().st_size < 21 << 20
+    assert archive.stat().st_size < 22 << 20
     assert {"LICENSE", "core/rigs/KITTI-like.json"} < set(names)
     for plug_in in ("unisim_bench", "unisim_street"):
         sources = {path.relative_to(ROOT) for path in (ROOT / plug_in).rglob("*.py")}
@@ -129,7 +129,7 @@ def test_it_installs_enables_imports_and_renders(archive: Path, bare: Path, tmp_
         timeout=300,
     )
     assert done.returncode == 0 and "installed" in done.stdout, done.stdout + done.stderr
-    assert f"Renders with {bare}" in done.stdout and "need an interpreter with torch" in done.stdout
+    assert f"Renders with {bare}" in done.stdout and "Training needs an interpreter with torch" in done.stdout
     shown = np.asarray(Image.open(image))
     assert shown[..., :3].std() > 10, "a street, and no empty image"
     assert len(list((frames / "camera").glob("*/*.png"))) == len(list((frames / "lidar").glob("*/*.ply"))) == 2

@@ -58,7 +58,7 @@ def write_checkpoint(folder: Path) -> Path:
     trainer: Any = SimpleNamespace(
         iteration=1, elapsed_s=1.0, config=TrainConfig(cameras=("front",), lidars=(), frames=(0,)), model=module,
         tracklets=module, camera_poses=module, occupancy=SimpleNamespace(state=dict),
-        choice=SimpleNamespace(state=dict),
+        choice=SimpleNamespace(state=dict), log_gains=torch.zeros(1, 3),
         adversary=None,
         optimiser=torch.optim.Adam([weight]), slow=torch.optim.Adam([weight]), deferred_gradients=dict,
         fingerprint=SimpleNamespace(to_json=dict),

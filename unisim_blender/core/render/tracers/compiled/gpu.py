@@ -369,7 +369,7 @@ class GpuTracer(CompiledTracer):
         "probability" of a return, (beams, columns, ...), or None where memory did not suffice."""
         if self.space is not None or self._foreign or self._scenes[0].lidar_head is None:
             return None
-        return self._begun(lambda: Sweep(self, lidar, time_s))
+        return self._begun(lambda: LaunchedSweep(self, lidar, time_s))
 
     def _begun(self, launched: Callable[[], Launched]) -> Callable[[RenderStats], Maps | None] | None:
         """Return what waits for launches, and repeats them where a thread's room did not suffice."""
@@ -506,7 +506,7 @@ class Launched:
         return self._maps
 
 
-class Sweep(Launched):
+class LaunchedSweep(Launched):
     """A LiDAR's sweep."""
 
     def __init__(self, tracer: GpuTracer, lidar: Lidar, time_s: float) -> None:
