@@ -113,9 +113,9 @@ class FakeRenderer:
             ),
         )
 
-    def start(self, *asked: Any) -> Callable[[], CameraFrame | LidarFrame]:
+    def start(self, *asked: Any, **values: Any) -> Callable[[], CameraFrame | LidarFrame]:
         """See `Renderer.start`."""
-        return partial(self.render, *asked)
+        return partial(self.render, *asked, **values)
 
     def render(
         self,

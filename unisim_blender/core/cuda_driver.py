@@ -39,7 +39,7 @@ typedef signed char int8_t; typedef unsigned char uint8_t; typedef short int16_t
 typedef int int32_t; typedef unsigned int uint32_t; typedef long long int64_t; typedef unsigned long long uint64_t;
 #define HUGE_VALF __int_as_float(0x7f800000)
 namespace std {
-using ::asin; using ::ceil; using ::exp; using ::expm1; using ::fabs; using ::floor; using ::fmax; using ::fmin;
+using ::asin; using ::ceil; using ::cos; using ::exp; using ::expm1; using ::fabs; using ::floor; using ::fmax; using ::fmin;
 using ::log; using ::log1p; using ::sin; using ::sqrt;
 template <class T> __host__ __device__ constexpr const T &min(const T &a, const T &b) { return b < a ? b : a; }
 template <class T> __host__ __device__ constexpr const T &max(const T &a, const T &b) { return a < b ? b : a; }
