@@ -28,7 +28,7 @@ struct ImageInputs {
     int32_t convolution_count;
     int32_t size; // of the lattice's blocks, a power of two
     const unisim_plane *planes;
-    int32_t plane_count;
+    int32_t plane_count, deciding_count; // blocks are decided by the first planes alone
     unisim_block_tolerance tolerance;
     const uint8_t *observed; // (X, Y, Z) of the scene's voxels; null: `unsupported` is not wanted
     float *rgb, *along;      // (h w, 3), (h w): along the optical axis, null: not wanted
@@ -229,7 +229,7 @@ UNISIM_DEVICE inline void judge_block(const ImageInputs &image, int32_t size, in
     if (grid.at(row, column) != UNDECIDED) return;
     const Block block = grid.block(image, row, column);
     float range = 0;
-    if (differ(image.planes, image.plane_count, block, image.tolerance, range)) {
+    if (differ(image.planes, image.deciding_count, block, image.tolerance, range)) {
         split_block(image, grid, row, column);
         return;
     }
@@ -243,7 +243,7 @@ UNISIM_DEVICE inline void judge_middle(const ImageInputs &image, int32_t size, i
     const BlockGrid grid(image, size);
     const int32_t row = static_cast<int32_t>(number / grid.columns), column = static_cast<int32_t>(number % grid.columns);
     if (grid.at(row, column) != DOUBTFUL) return;
-    if (predicted(image.planes, image.plane_count, grid.block(image, row, column), image.tolerance))
+    if (predicted(image.planes, image.deciding_count, grid.block(image, row, column), image.tolerance))
         grid.at(row, column) = LEAF;
     else
         split_block(image, grid, row, column);

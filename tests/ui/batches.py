@@ -11,9 +11,9 @@ from typing import Any
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from buttons import CROSS, found_at, open_panel, place_of, press
+from buttons import CROSS, open_panel, place_of, press, typed
 from edit_panel import module, moved_along, picked
-from hands import key, to, write
+from hands import key, write
 from session import OUT, screenshot, start, until
 from tasks import imported, seen, task, told
 
@@ -44,13 +44,7 @@ def parameter() -> Iterator[float]:
     one = about().parameters[0]
     assert one.about.endswith(": place along y (m)") and one.kind == "RANGE", (one.about, one.kind)
     one.stop = one.start + 1.0
-    yield from place_of("parameters[0].count")
-    yield from to(*found_at[0])
-    yield from key("RET")
-    yield 0.1
-    yield from key("A", ctrl=True)
-    yield from write("4")
-    yield from key("RET")
+    yield from typed("parameters[0].count", "4")
     yield from until(lambda: about().parameters[0].count == 4, "the count is not taken over", 10)
     screenshot("batch_panel")
 

@@ -207,6 +207,11 @@ def typed(member: str, value: str) -> Iterator[float]:
     """Type a value into a number's field of the sidebar."""
     yield from place_of(member, columns=(0.75,))
     yield from to(*found_at[0])
+    yield from overwritten(value)
+
+
+def overwritten(value: str) -> Iterator[float]:
+    """Type a value into the field under the mouse, in place of what stands there."""
     yield from key("RET")
     yield 0.1
     yield from key("A", ctrl=True)
@@ -237,12 +242,7 @@ def redo_panel(value: str, new: str) -> Iterator[float]:
     is_searching[0] = False
     assert same_number(manager.clipboard, value), f"no field of the redo panel shows {value}"
     waited_s["search"] += time.monotonic() - begun
-    yield from key("RET")
-    yield 0.1
-    yield from key("A", ctrl=True)
-    yield from write(new)
-    yield from key("RET")
-    yield 0.3
+    yield from overwritten(new)
     yield from to(x - 300, y)  # a popup closes when the mouse leaves it, in 5.2 by Esc
     yield 0.2
     yield from key("ESC")

@@ -385,6 +385,15 @@ def intersect_boxes(
     return np.minimum(a, b).max(-1), np.maximum(a, b).min(-1)
 
 
+def first_in_voxels(points: FloatArray, voxel_m: float) -> NDArray[np.int64]:
+    """Return indices of points (N, 3), one in each voxel that holds any, in order."""
+    cell = np.floor(points / voxel_m).astype(np.int64)
+    cell -= cell.min(0, initial=0)
+    span = cell.max(0, initial=0) + 1
+    _, first = np.unique((cell[:, 0] * span[1] + cell[:, 1]) * span[2] + cell[:, 2], return_index=True)
+    return np.sort(first)
+
+
 def spread_indices(length: int, count: int) -> NDArray[np.int64]:
     """Return up to ``count`` indices (K,) of ``length`` items, ascending and evenly spread, from the first to the
     last."""

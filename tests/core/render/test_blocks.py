@@ -93,3 +93,23 @@ def test_maps_that_the_kernels_do_not_know_are_numpys(monkeypatch: pytest.Monkey
     image.values["depth"] = image.values["depth"].astype(np.float64)
     monkeypatch.setattr(lattice, "_call", None)
     assert differ(image, some, 4, 0.03)[0].any()
+
+
+@pytest.mark.parametrize("size", [2, 4])
+def test_maps_that_do_not_decide_are_filled_all_the_same(size: int) -> None:
+    """What an edit needs, and the request does not: blocks are split as without these maps."""
+    image, blocks = made(3, size, 0.002)
+    asked = SparseImage(
+        SHAPE, values={name: x for name, x in image.values.items() if name not in ("depth", "instance")}
+    )
+    image.undeciding = {"depth", "instance"}
+    for judge in (differ, plain_differ):
+        for own, without in zip(judge(image, blocks, size, 0.02), judge(asked, blocks, size, 0.02), strict=True):
+            assert np.array_equal(own, without) and own.any()
+    for foretell in (predicted, plain_predicted):
+        assert np.array_equal(foretell(image, blocks, size, 0.02), foretell(asked, blocks, size, 0.02))
+    plain, _ = made(3, size, 0.002)
+    fill(image, blocks, size)
+    plain_fill(plain, blocks, size)
+    for name in ("depth", "instance"):
+        assert np.array_equal(image.values[name], plain.values[name], equal_nan=True), name

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..data.log import Log, Sweep
 from ..errors import LogError, remedy_of, what_is_missing
-from ..geometry import BoolArray, FloatArray, Trajectory, invert_pose
+from ..geometry import BoolArray, FloatArray, Trajectory, first_in_voxels, invert_pose
 from ..world.drive import Drive
 
 NEAR_M, FAR_M = 2.5, 80.0
@@ -92,15 +91,6 @@ def placed(trajectory: Trajectory, points: FloatArray, time_s: FloatArray) -> Fl
     """Return points (N, 3) of a sensor's frame at their times (N,) in the world, for a trajectory of the sensor."""
     poses = trajectory.at(time_s)
     return np.asarray(np.einsum("nij,nj->ni", poses[:, :3, :3], points) + poses[:, :3, 3])
-
-
-def first_in_voxels(points: FloatArray, voxel_m: float) -> NDArray[np.int64]:
-    """Return indices of points (N, 3), one in each voxel that holds any, in order."""
-    cell = np.floor(points / voxel_m).astype(np.int64)
-    cell -= cell.min(0, initial=0)
-    span = cell.max(0, initial=0) + 1
-    _, first = np.unique((cell[:, 0] * span[1] + cell[:, 1]) * span[2] + cell[:, 2], return_index=True)
-    return np.sort(first)
 
 
 def planes_of(points: FloatArray, time_s: FloatArray, trajectory: Trajectory) -> PlaneSweep:

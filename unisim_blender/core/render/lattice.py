@@ -13,7 +13,7 @@ interpolated, and run without the compiled kernels; the kernels (native/blocks.c
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -148,9 +148,11 @@ MAX_CHANNELS = 4
 
 @dataclass
 class SparseImage:
-    """Colours (h w, 3) and maps (h w, ...), and which pixels (h, w) were traced."""
+    """Colours (h w, 3) and maps (h w, ...), and which pixels (h, w) were traced. Blocks are not decided by the maps
+    ``undeciding``."""
 
     shape: tuple[int, int]
+    undeciding: Set[str] = frozenset()
     known: NDArray[np.bool_] = field(init=False)
     values: Maps = field(default_factory=dict)
 
@@ -164,6 +166,10 @@ class SparseImage:
                 self.values[name] = np.zeros((self.shape[0] * self.shape[1], *values.shape[1:]), values.dtype)
             self.values[name][numbers] = values
 
+    def decides(self, name: str) -> bool:
+        """Return whether blocks are decided by a map."""
+        return name in self.values and name not in self.undeciding
+
     def corners(self, name: str, blocks: Blocks, size: int) -> NDArray[Any]:
         """Return the values (4, N, ...) at the corners of blocks."""
         y, x = blocks.T
@@ -174,7 +180,7 @@ class SparseImage:
 
 def differ(image: SparseImage, blocks: Blocks, size: int, spread: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return which blocks (N,) have corners that differ, and for which others the middles decide: (N,) bool each."""
-    planes = _planes(image)
+    planes = _planes(image, deciding=True)
     if planes is None:
         return plain_differ(image, blocks, size, spread)
     verdict = np.empty(len(blocks), np.uint8)
@@ -184,7 +190,7 @@ def differ(image: SparseImage, blocks: Blocks, size: int, spread: float) -> tupl
 
 def predicted(image: SparseImage, blocks: Blocks, size: int, spread: float) -> NDArray[np.bool_]:
     """Return whether the traced middles of blocks (N,) agree with the prediction of their corners: (N,) bool."""
-    planes = _planes(image)
+    planes = _planes(image, deciding=True)
     if planes is None:
         return plain_predicted(image, blocks, size, spread)
     alike = np.empty(len(blocks), bool)
@@ -201,12 +207,14 @@ def fill(image: SparseImage, blocks: Blocks, size: int) -> None:
     _call("fill", planes, image, blocks, size, image.known.ctypes.data)
 
 
-def _planes(image: SparseImage) -> ctypes.Array[PlaneStruct] | None:
-    """Return an image's maps as the kernels read them; None where they cannot."""
+def _planes(image: SparseImage, deciding: bool = False) -> ctypes.Array[PlaneStruct] | None:
+    """Return an image's maps, or the ``deciding`` ones, as the kernels read them; None where they cannot."""
     if native.library() is None:
         return None
     planes = []
     for name, values in image.values.items():
+        if deciding and not image.decides(name):
+            continue
         number = values.dtype.kind == "f"
         kind = MAP_KINDS.get(name, 3 if number else 6)
         channels = values[0].size
@@ -246,10 +254,10 @@ def plain_differ(
     if NEAR_BOXES in image.values:
         apart |= image.corners(NEAR_BOXES, blocks, size).any(0)
     for name in ("instance", "unsupported"):
-        if name in image.values:
+        if image.decides(name):
             values = image.corners(name, blocks, size)
             apart |= (values != values[0]).any(0)
-    if "depth" in image.values:
+    if image.decides("depth"):
         disparity = 1 / image.corners("depth", blocks, size)
         largest = disparity.max(0)
         twist = np.abs(disparity[0] + disparity[3] - disparity[1] - disparity[2])
@@ -264,9 +272,9 @@ def plain_predicted(image: SparseImage, blocks: Blocks, size: int, spread: float
     rgb = image.corners("rgb", blocks, size)
     alike = np.abs(image.values["rgb"][number] - rgb.mean(0)).max(1) <= PREDICTION_TOLERANCE * spread
     for name in ("instance", "unsupported"):
-        if name in image.values:
+        if image.decides(name):
             alike &= image.values[name][number] == image.corners(name, blocks, size)[0]
-    if "depth" in image.values:
+    if image.decides("depth"):
         disparity = 1 / image.corners("depth", blocks, size)
         alike &= np.abs(1 / image.values["depth"][number] - disparity.mean(0)) <= MAX_DISPARITY_TWIST * disparity.max(0)
     return alike

@@ -42,8 +42,6 @@ from .visibility import Reach
 
 MAX_LATTICE_SPACING_PX = 1.5
 """Widest spacing of a lattice, in pixels of the images that the scene was trained on."""
-UNDECIDING = "undeciding "
-"""Before the names of maps that no lattice looks at: what an edit needs must not change pixels that it does not reach."""
 MIN_PREVIEW_WIDTH_PX = 16
 """Smallest width of a preview, in pixels."""
 
@@ -59,7 +57,8 @@ class _Exposure:
     passes: Sequence[str] = ()
     needed: set[str] = field(default_factory=set)
     undeciding: set[str] = field(default_factory=set)
-    """Those of the maps that edits need, in place of the request."""
+    """Those of the maps that an edit needs, and the request does not: a lattice that decided by them would change pixels that
+    the edit does not reach."""
     shadowing: list[Actor] = field(default_factory=list)
     """Actors with contact shadows under them."""
     displaced: dict[int, Actor] = field(default_factory=dict)
@@ -321,15 +320,12 @@ class Renderer:
             cells = u[:, x], v[y].T
             rays = camera_rays(camera, time_s, *cells).flat()
             image, maps = self._seen(exposure, cells, rays, 1)
-            for name in exposure.undeciding & set(maps):
-                map_of = maps.pop(name)
-                maps[UNDECIDING + name] = _inverse(map_of) if name == "depth" else map_of
             if in_view and size > 1:
                 # meshes are sharper than the trained scene, and foreign actors may be
                 maps[NEAR_BOXES] = beside_boxes(in_view, rays, size / least_pixels_per_rad(model))
             return image[0], maps
 
-        sparse = SparseImage(shape)
+        sparse = SparseImage(shape, exposure.undeciding)
         steps: Iterable[tuple[int, slice]]
         along_all = None
         finished = self._on_device(exposure, (rows, columns), size, spread)
@@ -341,9 +337,6 @@ class Renderer:
             steps = progressive_strides(sparse, size, spread, trace, coarse, band)
         for stride, done in steps:
             values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in sparse.values.items() if name != NEAR_BOXES}
-            for name in [name for name in values if name.startswith(UNDECIDING)]:
-                map_of, name = values.pop(name), name.removeprefix(UNDECIDING)
-                values[name] = _inverse(map_of) if name == "depth" else map_of
             if stride > 1:
                 few = {name: values[name][::stride, ::stride] for name in ("rgb", "unsupported") if name in values}
                 preview = CameraFrame(
@@ -387,8 +380,6 @@ class Renderer:
         waits, exposure.launched = exposure.launched or self._launched(exposure, cells, size, spread), None
         values = None if waits is None else waits(exposure.stats)
         if values is not None:
-            if "depth" in exposure.undeciding:
-                values["depth"][np.isnan(values["depth"])] = np.inf  # between a surface and the sky
             values["rgb"] = self._bound.exposed(values["rgb"], exposure.camera.sensor_id, exposure.time_s)
         return values
 
@@ -571,13 +562,6 @@ def reach_of(shadows: bool) -> Reach:
     """Return the distances over which a frame depends on what its own rays do not hit, with contact shadows or
     without."""
     return Reach(shadow_m=SHADOW_CUTOFF_M if shadows else 0.0, light_m=PROBE_M + 1.0)
-
-
-def _inverse(values: Array) -> Array:
-    """Return depths of disparities, or the other way round."""
-    with np.errstate(divide="ignore"):
-        inverse: Array = np.float32(1) / values
-    return inverse
 
 
 def _laid_over(below: Array, above: Array | float, opacity: Array) -> Array:

@@ -19,7 +19,15 @@ from numpy.typing import NDArray
 
 from ...errors import LogError, OutputError, remedy_of, what_is_missing
 from ...files import cache_folder, file_stamp, write_file
-from ...geometry import FloatArray, Trajectory, invert_pose, make_pose, quaternion_from_matrix, spread_indices
+from ...geometry import (
+    FloatArray,
+    Trajectory,
+    first_in_voxels,
+    invert_pose,
+    make_pose,
+    quaternion_from_matrix,
+    spread_indices,
+)
 from ...json_file import Node, read_json
 from ...world.drive import LidarModel
 from .beams import (
@@ -98,15 +106,6 @@ def find_planes(
     normals = axes[flat, :, 0]
     facing = np.sum(normals * points[chosen, :3], 1) > 0
     return chosen, np.where(facing[:, None], -normals, normals)
-
-
-def first_in_voxels(points: FloatArray, voxel_m: float) -> NDArray[np.int64]:
-    """Return indices of points (N, 3), one in each voxel that holds any, in order."""
-    cell = np.floor(points / voxel_m).astype(np.int64)
-    cell -= cell.min(0, initial=0)
-    span = cell.max(0, initial=0) + 1
-    _, first = np.unique((cell[:, 0] * span[1] + cell[:, 1]) * span[2] + cell[:, 2], return_index=True)
-    return np.sort(first)
 
 
 REACHES_M = (1.0, 0.4, 0.2, 0.1)

@@ -106,6 +106,7 @@ class ImageInputsStruct(ctypes.Structure):
         ("size", ctypes.c_int32),
         ("planes", ctypes.c_void_p),
         ("plane_count", ctypes.c_int32),
+        ("deciding_count", ctypes.c_int32),
         ("tolerance", BlockToleranceStruct),
         *((name, ctypes.c_void_p) for name in ("observed", "rgb", "along", "unsupported", "wanted", "known")),
         *((name, ctypes.c_void_p) for name in ("blocks", "order", "counts")),
@@ -599,17 +600,15 @@ class LatticeImage(Launched):
         self._begin(n, LAUNCHES)
         head, convolutions, count = scene.network(camera.sensor_id)
         planes = [PlaneStruct(self._at["rgb"], 3, 4, MAP_KINDS["rgb"])]
-        for name in sorted(passes):
+        for name in (*sorted(passes - undeciding), *sorted(undeciding)):
             _, width, kind = PASSES[name]
-            copied = 6 if np.dtype(kind).kind != "f" else 3
-            number = copied if name in undeciding else MAP_KINDS.get(name, 3)
-            planes.append(PlaneStruct(self._at[name], width, np.dtype(kind).itemsize, number))
+            planes.append(PlaneStruct(self._at[name], width, np.dtype(kind).itemsize, MAP_KINDS.get(name, 3)))
         self._image = ImageInputsStruct(
             *shape, rows.start, columns.start, up, -(-model.width // up), by_columns, model.fx, model.fy, model.cx, model.cy,
             scene.lens(model), memory.upload(doubles(poses)), memory.upload(doubles(moments)),
             (ctypes.c_double * 3)(*camera.world_from_camera.at(time_s)[:3, 2]), origins, directions, times,
             head, convolutions, count, size, memory.upload((PlaneStruct * len(planes))(*planes)), len(planes),
-            block_tolerance(spread), scene.observed if "unsupported" in passes else None,
+            len(planes) - len(undeciding), block_tolerance(spread), scene.observed if "unsupported" in passes else None,
             self._at["rgb"], self._at.get("along"), self._at.get("unsupported"),
             memory.allocate(n), memory.allocate(n), memory.allocate(n // 3 + 1, clear=True), order,
             self._numbers + 8,
