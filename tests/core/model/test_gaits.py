@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import torch
 from random_scene import CONFIGS, MOVING, TINY, saved
+from tiny_drive import TinyLog
 
 from unisim_blender.core.errors import SceneError
-from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.model.actors import actor_field
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.config import ModelConfig
@@ -20,9 +20,8 @@ from unisim_blender.core.model.shapes import GAIT_BINS, gait_rows
 from unisim_blender.core.model.tracklets import Tracklets
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.torch.actor_tensors import ActorSetTensors
-from unisim_blender.core.training.gaits import gaits_of
+from unisim_blender.core.training.gaits import _fitted, gaits_of
 from unisim_street.street import build_street
-from unisim_street.write import write_log
 
 WALKING = CONFIGS["walking"]
 
@@ -89,11 +88,23 @@ def test_a_pose_follows_the_path_not_the_clock() -> None:
     assert rows(part, times[3:]) == bins[3:]
 
 
-def test_cycles_of_walkers_are_measured_by_the_lidar(tmp_path: Path) -> None:
-    street = build_street(seed=0, frames=24, width=32, height=18, speed_m_s=3.0, people=3)
-    write_log(street, tmp_path / "log", 1, progress=False)
-    log = open_log(tmp_path / "log")
-    gaits = dict(gaits_of(log, tuple(log.drive.lidars), log.drive.frames))
-    assert set(gaits) == {"cyclist-1", "person-01", "person-02"}
-    for uid, cycle_m in gaits.items():
-        assert abs(cycle_m / (4.6 if uid == "cyclist-1" else 1.32) - 1) < 0.06, (uid, cycle_m)
+@pytest.mark.parametrize(("true_m", "guess_m"), [(1.32, 1.48), (1.32, 1.32), (4.7, 4.6)])
+def test_a_cycle_is_the_one_at_which_legs_repeat(true_m: float, guess_m: float) -> None:
+    rng = np.random.default_rng(1)
+    walked = np.linspace(0.0, 5 * true_m, 24) + rng.uniform(-0.02, 0.02, 24)
+    angle = 2 * np.pi * walked[:, None] / true_m
+    places = 0.2 + 0.1 * np.cos(angle + np.arange(8)) + 0.05 * np.sin(2 * angle) + rng.normal(0, 0.03, (24, 8))
+    legs = list(zip(walked.tolist(), places, strict=True))
+    assert abs(_fitted(guess_m, legs) / true_m - 1) < 0.03
+    assert _fitted(guess_m, legs[:5]) == guess_m  # too few sweeps
+    drift = list(zip(walked.tolist(), np.repeat(walked[:, None], 8, 1), strict=True))
+    assert _fitted(guess_m, drift) == guess_m  # a trend repeats nowhere
+
+
+def test_whoever_walks_has_a_gait_and_a_car_has_none() -> None:
+    street = build_street(seed=0, frames=12, width=32, height=18, people=3)
+    log = TinyLog()
+    log.drive = street.drive
+    gaits = dict(gaits_of(log, (), street.drive.frames))
+    assert set(gaits) == {"cyclist-1", "person-01", "person-02"} and gaits["cyclist-1"] == 4.6
+    assert 1.2 < gaits["person-01"] < 1.7

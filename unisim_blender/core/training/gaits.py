@@ -80,4 +80,6 @@ def _fitted(cycle_m: float, legs: Sequence[tuple[float, FloatArray]]) -> float:
     tried = cycle_m * _RATIOS
     misfits = np.array([misfit(float(cycle)) for cycle in tried])
     best = int(misfits.argmin())
-    return float(tried[best]) if misfits[best] < (1 - _MIN_GAIN) * misfit(cycle_m) else cycle_m
+    # a misfit that still falls at an end of what is tried is a trend, not a gait
+    repeats = 0 < best < len(tried) - 1 and misfits[best] < (1 - _MIN_GAIN) * misfit(cycle_m)
+    return float(tried[best]) if repeats else cycle_m
