@@ -84,7 +84,7 @@ inline void intersect_boxes(const unisim_actor_set &set, const TileRays &rays, f
             if (time != posed) pose = pose_at(set, actor, posed = time);
             double to[3];
             if (!reaches_sphere(pose.position, o, d, radius, to)) continue;
-            BoxHit hit{r, actor, 0, 0, {}, {}, {}, 1.0f};
+            BoxHit hit{r, actor, 0, 0, {}, {}, {}, 1.0f, 0};
             if (!enter_box(set, actor, pose, to, d, near, hit)) continue;
             hits.push_back(hit);
         }

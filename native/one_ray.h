@@ -29,9 +29,13 @@ constexpr int POINTS = 2;
 constexpr int BOX_CELLS = 16;
 enum : uint8_t { OPEN, SOLID, SURFACE };
 
+// Number of an actor's tables over one cycle of its gait; `core/model/shapes.py` has the same.
+constexpr int GAIT_BINS = 32;
+
 struct Pose {
     double position[3];
     float rotation[9]; // world from box
+    int32_t row;       // of the scene's actor grids
 };
 
 UNISIM_DEVICE inline void slerp(const double *a, const double *b, double u, double *q) {
@@ -90,6 +94,16 @@ UNISIM_DEVICE inline void position_at(const unisim_actor_set &set, int actor, do
     position_at(set, actor, key_interval(set, actor, time), position);
 }
 
+// The actor's row of its scene's grids: of one that has a gait the row of the phase that the length of its path gives.
+UNISIM_DEVICE inline int32_t row_at(const unisim_actor_set &set, int actor, const KeyInterval &at) {
+    const double cycle = set.cycles ? set.cycles[actor] : 0.0;
+    if (!(cycle > 0.0)) return set.rows[actor];
+    const double *walked = set.walked + static_cast<int64_t>(actor) * set.keys;
+    const double turns = (walked[at.lower] + at.u * (walked[at.upper] - walked[at.lower])) / cycle;
+    const int32_t bin = static_cast<int32_t>((turns - std::floor(turns)) * GAIT_BINS);
+    return set.rows[actor] + (bin < GAIT_BINS ? bin : GAIT_BINS - 1);
+}
+
 // r (3, 3): world from box.
 UNISIM_DEVICE inline void rotation_at(const unisim_actor_set &set, int actor, const KeyInterval &at, double *r) {
     const double *quaternions = set.quaternions + static_cast<int64_t>(actor) * set.keys * 4;
@@ -105,6 +119,7 @@ UNISIM_DEVICE inline Pose pose_at(const unisim_actor_set &set, int actor, double
     const KeyInterval at = key_interval(set, actor, time);
     Pose pose;
     double r[9];
+    pose.row = row_at(set, actor, at);
     position_at(set, actor, at, pose.position);
     rotation_at(set, actor, at, r);
     for (int i = 0; i < 9; ++i) pose.rotation[i] = static_cast<float>(r[i]);
@@ -135,6 +150,7 @@ struct BoxHit {
     float t_near, t_far, o[3], d[3];
     float rotation[9];
     float stretch;
+    int32_t row;
 };
 
 // The radius of the sphere about a box.
@@ -170,6 +186,7 @@ UNISIM_DEVICE inline bool enter_box(const unisim_actor_set &set, int actor, cons
         }
     }
     for (int i = 0; i < 9; ++i) hit.rotation[i] = pose.rotation[i];
+    hit.row = pose.row;
     if (scale[0] != 1.0f || scale[1] != 1.0f || scale[2] != 1.0f) {
         for (int a = 0; a < 3; ++a) {
             hit.o[a] /= scale[a];

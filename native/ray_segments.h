@@ -104,6 +104,7 @@ struct ActorSegments : FieldSegments {
     const unisim_actor_set *actors = nullptr;
     int set = 0;                 // the actor set's number
     std::vector<int> box;        // (count): the actor's number in the set
+    std::vector<int32_t> row;    // (count): of the scene's actor grids
     std::vector<float> size;     // (count, 3): of the box
     std::vector<float> rotation; // (count, 9): takes the field's gradients to the world
     std::vector<float> stretch;  // (stride): field metres per metre along the ray
@@ -114,6 +115,7 @@ struct ActorSegments : FieldSegments {
         set = number;
         foreign = number > 0;
         box.clear();
+        row.clear();
         for (auto *v : {&size, &rotation, &stretch}) v->clear();
     }
 
@@ -121,6 +123,7 @@ struct ActorSegments : FieldSegments {
         FieldSegments::add(hit.ray, hit.o, hit.d, hit.t_near, hit.t_far);
         const float *edges = actors->sizes + 3 * hit.box;
         box.push_back(hit.box);
+        row.push_back(hit.row);
         size.insert(size.end(), edges, edges + 3);
         rotation.insert(rotation.end(), hit.rotation, hit.rotation + 9);
         stretch.push_back(hit.stretch);

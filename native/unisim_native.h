@@ -87,7 +87,7 @@ struct unisim_scene {
     const uint8_t *voxels;           // (X, Y, Z) occupancy values, 0 is free
     const uint8_t *clearance;        // (X, Y, Z): distance in voxels to the nearest with a cell not open, or less
     const uint16_t *cells;           // (X, Y, Z): two bits for each of a voxel's eight cells (cells.h); null: unknown
-    const uint8_t *box_cells;        // (actors, 16, 16, 16): the cells of the actors' boxes
+    const uint8_t *box_cells;        // (rows of actor grids, 16, 16, 16): the cells of the actors' boxes
     int32_t voxel_shape[3];
     float voxel_m;
     float decay_per_m;
@@ -95,7 +95,7 @@ struct unisim_scene {
     int32_t ground_shape[2];
     float ground_m, ground_clearance_m;
     const unisim_mlp *light;         // null: an actor's appearance is the same everywhere
-    const float *light_home;         // (actors, 3): where actors were recorded, volume coordinates
+    const float *light_home;         // (rows of actor grids, 3): where actors were recorded, volume coordinates
     float light_reach_m;
     const unisim_head *sample_head;  // null: the view direction enters once per ray, in the decoders
 };
@@ -110,10 +110,12 @@ struct unisim_actor_set {
     const double *quaternions;       // (count, keys, 4), wxyz
     const float *sizes;              // (count, 3): of the boxes before scaling, in the metres of the scene's fields
     const double *start, *end;       // (count): when the box is there
-    const int32_t *rows;             // (count): of the scene's actor grids
+    const int32_t *rows;             // (count): of the scene's actor grids, the first of an actor that has a gait
     const int32_t *candidates;       // (candidate_count): boxes that the rays of this call can hit
     int32_t candidate_count;
     const float *scales;             // (count, 3): factors of the boxes' sizes in the world, along their own axes
+    const double *walked;            // (count, keys): metres of path up to each key
+    const double *cycles;            // (count): metres of path in a cycle of the gait, 0 for an actor that has none
 };
 
 // The active actors of a state of the world, and its edits of static space.

@@ -78,7 +78,7 @@ class RayTracer {
         return s.kind == Segment::ACTOR ? scene_of(s).actor_fields : scene_.static_field;
     }
     UNISIM_DEVICE int32_t grid_of(const Segment &s) const {
-        return s.kind == Segment::ACTOR ? in_.active.actor_sets[s.set].rows[s.ray.box] : 0;
+        return s.kind == Segment::ACTOR ? s.ray.row : 0;
     }
     UNISIM_DEVICE bool is_foreign(const Segment &s) const {
         return s.kind == Segment::MESH || (s.kind == Segment::ACTOR && s.set > 0);
@@ -142,7 +142,7 @@ class RayTracer {
             double position[3], to[3];
             position_at(set, actor, time_, position);
             if (!reaches_sphere(position, ray_origin(), ray_direction(), sphere_radius(set, actor), to)) continue;
-            BoxHit hit{0, actor, 0, 0, {}, {}, {}, 1.0f};
+            BoxHit hit{0, actor, 0, 0, {}, {}, {}, 1.0f, 0};
             if (!enter_box(set, actor, pose_at(set, actor, time_), to, ray_direction(), how_.near_m, hit)) continue;
             Segment *s = new_segment(kind, number);
             if (!s) return false;

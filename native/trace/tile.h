@@ -68,7 +68,7 @@ struct Tile {
     static float offset_of(const ActorSegments &) { return 0.5f; }
     // The number of a segment's grid in its field's table.
     static int32_t row_of(const FieldSegments &, size_t) { return 0; }
-    static int32_t row_of(const ActorSegments &b, size_t p) { return b.actors->rows[b.box[p]]; }
+    static int32_t row_of(const ActorSegments &b, size_t p) { return b.row[p]; }
     // The numbers of the grids of the points in `x`; null where the field has one grid.
     const int32_t *rows_of(const FieldSegments &) const { return nullptr; }
     const int32_t *rows_of(const ActorSegments &) const { return row; }

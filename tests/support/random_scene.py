@@ -25,6 +25,7 @@ from unisim_blender.core.world.drive import Actor, Box, Drive, StaticCopy
 TINY = preset("tiny").model
 CONFIGS: dict[str, ModelConfig] = {
     "tiny": TINY,
+    "walking": dataclasses.replace(TINY, gaits=(("van", 1.3),)),
     "dark": dataclasses.replace(TINY, light="fixed", features=31, hidden=64),
     "sample": dataclasses.replace(TINY, head="sample", static_grid=GridConfig(3.2, 0.1, 6, 2, 15)),
     "paper": dataclasses.replace(TINY, density="unisim", light="fixed", head="sample", unisim_step_m=0.5),
@@ -68,6 +69,8 @@ def rough(model: SceneModel) -> None:
         field.grid.table.copy_(torch.randn_like(field.grid.table) * rows)
     for parameter in scene.actors.hypernetwork.parameters():
         parameter.normal_(0, 1.0)
+    if scene.actors.gaits is not None:
+        scene.actors.gaits.tables.normal_(0, 0.3)
     scene.static.network[-1].bias[0] = -0.1
     scene.actors.network[-1].bias[0] = -0.3
     if scene.light is not None:

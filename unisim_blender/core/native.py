@@ -11,7 +11,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-ABI_VERSION = 14
+ABI_VERSION = 16
 VARIANT_VARIABLE = "UNISIM_NATIVE_VARIANT"
 """The variable of the environment that chooses the kernels' instruction set."""
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")

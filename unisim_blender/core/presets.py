@@ -12,7 +12,7 @@ from .errors import SceneError
 from .model.config import GridConfig, ModelConfig, SampleConfig
 from .registry import Registry
 
-Ablation = Literal["decoder", "actor-prior", "tracklet-refinement", "lidar"]
+Ablation = Literal["decoder", "actor-prior", "tracklet-refinement", "poses", "lidar"]
 """Parts that a training can leave out, see `training/config.py`."""
 SignedDistance = Literal["logistic", "unisim"]
 
@@ -81,7 +81,9 @@ class Preset:
     a half, a lit side and a shaded one would blend."""
     refines_tracklets: bool = True
     refines_cameras: bool = True
-    ablations: tuple[Ablation, ...] = ("decoder", "actor-prior", "tracklet-refinement")
+    poses: bool = True
+    """Whether actors of classes that deform have a field for each pose of their gait, not one for all."""
+    ablations: tuple[Ablation, ...] = ("decoder", "actor-prior", "tracklet-refinement", "poses")
     """Ablations that can be chosen: parts that training leaves out (`unisim train --without`)."""
     densities: tuple[SignedDistance, ...] = ("logistic", "unisim")
     """Densities that can be chosen in place of the model's own (`--density`)."""
@@ -199,6 +201,7 @@ def baseline(name: str, title: str, about: str, model: ModelConfig) -> Preset:
     return Preset(
         name, title, about, model, name, BASELINE_WEIGHTS, mirrored=0.0, refines_tracklets=False, refines_cameras=False,
         ablations=("lidar",), densities=(), can_be_adversarial=False, is_baseline=True,
+        poses=False,
     )  # fmt: skip
 
 

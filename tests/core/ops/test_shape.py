@@ -86,7 +86,7 @@ def box_ahead(size_m: tuple[float, float, float], beams: LidarBatch, depth_m: fl
         ray=torch.arange(n), t=t, features=nothing[..., None], tau=nothing, stop_fraction=nothing,
         values=SignedDistances(nothing), points=points, density="logistic", beta=torch.tensor(20.0), actor_set=0,
         actor=torch.zeros(n, dtype=torch.long), t_near=near, t_far=far, world_from_box=torch.eye(3).expand(n, 3, 3),
-        size_m=torch.tensor([size_m]).expand(n, 3),
+        size_m=torch.tensor([size_m]).expand(n, 3), row=torch.zeros(n, dtype=torch.long),
     )  # fmt: skip
     return met(len(beams.rays), (segments,))
 

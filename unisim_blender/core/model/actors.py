@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor, nn
@@ -18,7 +18,17 @@ from ..ops.grid_shape import GridArrays
 from .config import ModelConfig
 from .fields import Density, parts, query, start_at, values_of
 from .networks import mlp, run_mlp
-from .shapes import LATENT_OCTAVES, actor_grid, actor_row, perceptrons
+from .shapes import (
+    GAIT_BINS,
+    GAIT_HARMONICS,
+    LATENT_OCTAVES,
+    GaitRows,
+    actor_grid,
+    actor_row,
+    gait_basis,
+    gait_rows,
+    perceptrons,
+)
 
 INITIAL_DISTANCE_M, INITIAL_LOG_DENSITY = 0.3, -1.5
 """Initial output of an actor's field: it must not stop a ray that enters the box."""
@@ -35,19 +45,28 @@ class ActorField(nn.Module, ABC):
     def __init__(self, density: Density) -> None:
         super().__init__()
         self.density = density
+        self.gaits: Gaits | None = None
         self.sink: GradientSink | None = None
         """Where training set it, hash grids leave their gradients here, see `encode`."""
 
     @abstractmethod
+    def own_rows(self) -> Tensor:
+        """Return the rows (actors, *row) of all actors, without those of poses."""
+
     def tables(self) -> Tensor:
-        """Return the rows (actors, *row) of all actors."""
+        """Return the rows of all actors, and behind them those of poses (`GaitRows`): (rows, *row)."""
+        return self.posed(self.own_rows())
+
+    def posed(self, rows: Tensor) -> Tensor:
+        """Return rows (actors, *row) with those of poses behind them."""
+        return rows if self.gaits is None else torch.cat([rows, self.gaits(rows)])
 
     @abstractmethod
     def _query(self, tables: Tensor, x: Tensor, actor: Tensor, outputs: int | None) -> Tensor: ...
 
     def own(self) -> list[nn.Parameter]:
         """Return the parameters that `tables` is computed from."""
-        return [parameter for name, parameter in self.named_parameters() if name.startswith(self.OWN)]
+        return [parameter for name, parameter in self.named_parameters() if name.startswith((*self.OWN, "gaits"))]
 
     def drop_own(self) -> None:
         """Remove the parameters that `tables` is computed from: baked tables take their place."""
@@ -78,6 +97,35 @@ class ActorField(nn.Module, ABC):
         return log_densities(self.values(tables, x, actor))
 
 
+class Gaits(nn.Module):
+    """Tables of the poses of actors that change their shape, in bins of the phase of a gait.
+
+    A pose's table is the actor's own plus a sum of its ``tables`` (G, 2 GAIT_HARMONICS, *row) by factors that are smooth in
+    the phase. ``first`` and ``cycles_m`` (actors,) are those of `GaitRows`.
+    """
+
+    def __init__(self, config: ModelConfig, rows: GaitRows) -> None:
+        super().__init__()
+        count = len(config.gaits)
+        shape = count, 2 * GAIT_HARMONICS, *actor_row(config)
+        self.tables = nn.Parameter(torch.empty(shape).uniform_(-1e-4, 1e-4))
+        self.register_buffer("basis", torch.as_tensor(gait_basis()).float(), persistent=False)
+        self.register_buffer("first", torch.as_tensor(rows.first).long(), persistent=False)
+        self.register_buffer("cycles_m", torch.as_tensor(rows.cycles_m), persistent=False)
+        walkers = torch.as_tensor(rows.owner[len(rows.first) :: GAIT_BINS])
+        self.register_buffer("walkers", walkers, persistent=False)
+
+    basis: Tensor
+    first: Tensor
+    cycles_m: Tensor
+    walkers: Tensor
+
+    def forward(self, rows: Tensor) -> Tensor:
+        """Return the tables of poses (G * GAIT_BINS, *row) from the actors' own rows (actors, *row)."""
+        posed = torch.einsum("qk,gk...->gq...", self.basis, self.tables) + rows[self.walkers, None]
+        return posed.flatten(0, 1)
+
+
 class GridActors(ActorField):
     """Each actor has a hash grid, which it learns by itself."""
 
@@ -94,7 +142,7 @@ class GridActors(ActorField):
     def _make_own(self, config: ModelConfig, actors: int) -> None:
         self.own_tables = nn.Parameter(torch.empty(actors, *self.row).uniform_(-1e-4, 1e-4))
 
-    def tables(self) -> Tensor:
+    def own_rows(self) -> Tensor:
         """Every actor's grid (actors, rows, features)."""
         return self.own_tables
 
@@ -115,7 +163,7 @@ class HypernetworkActors(GridActors):
         nn.init.uniform_(last.weight, -1e-3, 1e-3)
         nn.init.zeros_(last.bias)
 
-    def tables(self) -> Tensor:
+    def own_rows(self) -> Tensor:
         """Every actor's grid (actors, rows, features), from its latent."""
         out: Tensor = self.hypernetwork(self.latents)
         return out.view(len(self.latents), *self.row)
@@ -138,7 +186,7 @@ class LatentActors(ActorField):
 
     octaves: Tensor
 
-    def tables(self) -> Tensor:
+    def own_rows(self) -> Tensor:
         """Every actor's latent (actors, latent)."""
         return self.latents
 
@@ -149,12 +197,15 @@ class LatentActors(ActorField):
         return run_mlp(self.network, inputs, outputs)
 
 
-def actor_field(config: ModelConfig, actors: int) -> ActorField:
-    """Return the configuration's field of ``actors`` actors."""
+def actor_field(config: ModelConfig, actors: Sequence[str]) -> ActorField:
+    """Return the configuration's field of the actors of these ids."""
     kinds: dict[str, Callable[[ModelConfig, int], ActorField]] = {
         "hypernetwork": HypernetworkActors,
         "tables": GridActors,
         "latent": LatentActors,
         "none": GridActors,
     }
-    return kinds[config.actors](config, 0 if config.actors == "none" else actors)
+    field = kinds[config.actors](config, len(actors))
+    if config.gaits:
+        field.gaits = Gaits(config, gait_rows(config, actors))
+    return field

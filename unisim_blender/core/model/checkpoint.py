@@ -59,7 +59,7 @@ def _pack(model: SceneModel) -> dict[str, Tensor]:
             )  # heights need their centimetres
             tensors[name] = (value.half() if large else value).contiguous().cpu()
     with torch.no_grad():
-        tensors["actors.tables"] = model.actors.tables().half().cpu().contiguous()
+        tensors["actors.tables"] = model.actors.own_rows().half().cpu().contiguous()
     return tensors
 
 
@@ -116,7 +116,11 @@ def load_scene(path: str | Path, device: str = "cpu", header: SceneHeader | None
     check_belongs(header)
     model.load_state_dict(state)
     model.eval().requires_grad_(False).to(device)
-    return TorchScene(path, header, model, _tensor(tables, torch.float32).to(device))
+    rows = _tensor(tables, torch.float32).to(device)
+    # in half precision, as the kernels have them
+    return TorchScene(
+        path, header, model, rows if model.actors.gaits is None else model.actors.posed(rows).half().float()
+    )
 
 
 def _tensor(array: NDArray[Any], dtype: torch.dtype) -> Tensor:

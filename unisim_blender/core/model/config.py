@@ -57,6 +57,8 @@ class ModelConfig:
     """Representation of an actor: a hash grid that one hypernetwork makes of its latent, a hash grid that it learns
     alone, a latent that conditions one network for all (Ost et al., "Neural Scene Graphs for Dynamic Scenes", 2021); or
     none, with one field for everything."""
+    gaits: tuple[tuple[str, float], ...] = ()
+    """Ids of actors that change their shape, ascending, and metres of path in a cycle of each one's gait."""
     unisim_step_m: float = 0.2
     light: Literal["fixed", "ground"] = "fixed"
     """Whether an actor's appearance is one for all places, as in the paper, or follows the light on the
@@ -74,8 +76,9 @@ class ModelConfig:
     far_m: float = 3000.0
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
-        return dataclasses.asdict(self)
+        """Plain values, for JSON; without ``gaits`` where there are none, so that earlier versions read the scene."""
+        values = dataclasses.asdict(self)
+        return {name: value for name, value in values.items() if name != "gaits" or value}
 
     @staticmethod
     def from_dict(values: dict[str, Any]) -> ModelConfig:
@@ -89,9 +92,12 @@ class ModelConfig:
                 "actor_grid": GridConfig(**values["actor_grid"]),
                 "samples": SampleConfig(**_renamed(values["samples"])),
             }
-            config = ModelConfig(**{**values, **nested})
-        except (KeyError, TypeError) as error:
+            gaits = tuple((str(uid), float(cycle_m)) for uid, cycle_m in values.get("gaits", ()))
+            config = ModelConfig(**{**values, **nested, "gaits": gaits})
+        except (KeyError, TypeError, ValueError) as error:
             raise SceneError(f"scene.json: the model's configuration does not fit this version: {error}") from error
+        if bad := [uid for uid, cycle_m in config.gaits if not 0.01 <= cycle_m <= 1000]:
+            raise SceneError(f"scene.json: model.gaits has a cycle of {bad[0]!r} that is not from 0.01 to 1000 m")
         if config.colour == "sample" and (config.upsample != 1 or config.features < 3):
             raise SceneError(
                 f"scene.json: model.upsample is {config.upsample} and model.features {config.features}: samples that have "

@@ -68,7 +68,7 @@ class SceneModel(nn.Module):
         self.frame = VolumeFrame(volume)
         self.static = StaticField(config, volume)
         self.background = BackgroundModel(config, volume)
-        self.actors = actor_field(config, len(self.actor_ids))
+        self.actors = actor_field(config, tuple(self.actor_ids))
         self.occupancy = Occupancy(volume.size_m, config.voxel_m)
         self.ground = Ground(volume.size_m)
         self.register_buffer("observed", zeros_on_demand(self.occupancy.values.shape, torch.uint8))

@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import SceneError, short
 from ..geometry import FloatArray
@@ -30,6 +33,9 @@ LIDAR_INPUTS = 2
 """Number of inputs of the LiDAR head besides feature and direction: depth and opacity."""
 LIDAR_OUTPUTS = 2
 """Number of outputs of the LiDAR head: intensity and the logit of a return."""
+GAIT_BINS, GAIT_HARMONICS = 32, 2
+"""Number of tables that an actor with a gait has over a cycle, as native/one_ray.h has it, and of the harmonics by which
+they differ."""
 LATENT_OCTAVES, LATENT_LAYERS = 6, 4
 """Number of octaves of a point's encoding, and of layers, of the network that latents condition."""
 
@@ -91,6 +97,35 @@ def actor_row(config: ModelConfig) -> TensorShape:
         return (config.latent,)
     grid = actor_grid(config)
     return grid.rows, grid.features
+
+
+def gait_basis() -> FloatArray:
+    """Return the factors (GAIT_BINS, 2 GAIT_HARMONICS) of an actor's further tables at the middle of each bin of a cycle: the
+    table of a pose is a sum of tables, as in Gao et al., "Reconstructing Personalized Semantic Facial NeRF Models", 2022."""
+    angle = 2 * np.pi * (np.arange(GAIT_BINS) + 0.5) / GAIT_BINS
+    waves = [wave(order * angle) for order in range(1, GAIT_HARMONICS + 1) for wave in (np.cos, np.sin)]
+    return np.stack(waves, 1)
+
+
+class GaitRows(NamedTuple):
+    """Rows of actors' tables once those of poses are made: ``first`` (A,) of each appearance, ``cycles_m`` (A,), 0 for a rigid
+    one, which has one row; ``owner`` (R,), the appearance of each row. Those of poses follow the A own ones."""
+
+    first: NDArray[np.int32]
+    cycles_m: FloatArray
+    owner: NDArray[np.int64]
+
+
+def gait_rows(config: ModelConfig, appearances: Sequence[str]) -> GaitRows:
+    """Return the rows of the tables of appearances. Raises `SceneError` where an actor with a gait is none of them."""
+    number = {uid: i for i, uid in enumerate(appearances)}
+    if unknown := [uid for uid, _ in config.gaits if uid not in number]:
+        raise SceneError(f"scene.json: model.gaits names {unknown[0]!r}, which is no actor of the scene")
+    first, cycles = np.arange(len(number), dtype=np.int32), np.zeros(len(number))
+    walkers = np.array([number[uid] for uid, _ in config.gaits], np.int64)
+    first[walkers] = len(number) + GAIT_BINS * np.arange(len(walkers))
+    cycles[walkers] = [cycle_m for _, cycle_m in config.gaits]
+    return GaitRows(first, cycles, np.concatenate([np.arange(len(number)), np.repeat(walkers, GAIT_BINS)]))
 
 
 def perceptrons(config: ModelConfig) -> dict[str, Perceptron]:
@@ -161,6 +196,8 @@ def stored_arrays(config: ModelConfig, size_m: FloatArray, actors: int, cameras:
         "actors.tables": (actors, *actor_row(config)),
         "ground.heights": cells_of(size_m[:2], GROUND_CELL_M),
     }
+    if config.gaits:
+        arrays["actors.gaits.tables"] = (len(config.gaits), 2 * GAIT_HARMONICS, *actor_row(config))
     if config.light == "ground":
         arrays["light.home"] = (actors, 3)
     if config.colour == "decoded":
@@ -236,6 +273,7 @@ def check_sizes(config: ModelConfig, volume: Volume, where: str) -> None:
     entries = {name: shape.rows * shape.features for name, shape in shapes.items()}
     # a hypernetwork's last layer has a row for each of them
     entries["actor_grid"] *= config.hyper_hidden if config.actors == "hypernetwork" else 1
+    entries["gaits"] = len(config.gaits) * GAIT_BINS * shapes["actor_grid"].rows * shapes["actor_grid"].features
     entries["voxel_m"] = math.prod(cells_of(volume.size_m, config.voxel_m))
     widest = max(shape.width for shape in shapes.values())
     entries["hidden"] = config.hidden * (widest + config.features) + config.hyper_hidden**2 * config.hyper_layers

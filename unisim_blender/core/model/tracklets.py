@@ -96,6 +96,16 @@ def interpolated(
     (A, K, 4).
     """
     positions, quaternions = keys
+    lower, upper, u = _between(times_s, lengths, row, time_s)
+    u = u.to(positions.dtype)
+    p0, p1 = positions[row, lower], positions[row, upper]
+    q = slerp(quaternions[row, lower], quaternions[row, upper], u)
+    return p0 + u[:, None] * (p1 - p0), rotation_from_quaternion(q)
+
+
+def _between(times_s: Tensor, lengths: Tensor, row: Tensor, time_s: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Return the keys (P,) before and after times (P,) of trajectories ``row`` (P,), and how far each time is between
+    them."""
     times = times_s[row]
     upper = torch.searchsorted(times, time_s[:, None].contiguous(), right=True)[:, 0]
     upper = torch.minimum(upper, lengths[row] - 1).clamp_min(1)
@@ -104,12 +114,8 @@ def interpolated(
     lower = (upper - 1).clamp_min(0)
     t0 = times.gather(1, lower[:, None])[:, 0]
     t1 = times.gather(1, upper[:, None])[:, 0]
-    u = torch.where(single, torch.zeros_like(t0), (time_s - t0) / torch.where(single, torch.ones_like(t0), t1 - t0)).to(
-        positions.dtype
-    )
-    p0, p1 = positions[row, lower], positions[row, upper]
-    q = slerp(quaternions[row, lower], quaternions[row, upper], u)
-    return p0 + u[:, None] * (p1 - p0), rotation_from_quaternion(q)
+    u = torch.where(single, torch.zeros_like(t0), (time_s - t0) / torch.where(single, torch.ones_like(t0), t1 - t0))
+    return lower, upper, u
 
 
 class Smoothing(nn.Module):
@@ -200,6 +206,7 @@ class Tracklets(nn.Module):
         self.count = n
         self.register_buffer("times", torch.as_tensor(keys.times_s), persistent=False)
         self.register_buffer("lengths", torch.as_tensor(keys.lengths).long(), persistent=False)
+        self.register_buffer("walked", torch.as_tensor(keys.walked_m), persistent=False)
         self.register_buffer("positions", torch.as_tensor(keys.positions - self.corner).float(), persistent=False)
         self.register_buffer("quaternions", torch.as_tensor(keys.quaternions_wxyz).float(), persistent=False)
         self.register_buffer(
@@ -236,6 +243,7 @@ class Tracklets(nn.Module):
 
     times: Tensor
     lengths: Tensor
+    walked: Tensor
     positions: Tensor
     quaternions: Tensor
     sizes_m: Tensor
@@ -268,6 +276,12 @@ class Tracklets(nn.Module):
         """Return positions (P, 3), from the corner, and rotations (P, 3, 3), world from actor, of ``actor`` (P,) at
         times (P,) float64, seconds."""
         return interpolated(self.times, self.lengths, keys, actor, time_s)
+
+    def walked_at(self, actor: Tensor, time_s: Tensor) -> Tensor:
+        """Return the lengths (P,) float64, metres, of the paths of ``actor`` (P,) up to times (P,) float64, seconds."""
+        lower, upper, u = _between(self.times, self.lengths, actor, time_s)
+        start = self.walked[actor, lower]
+        return start + u * (self.walked[actor, upper] - start)
 
     def hits(
         self,

@@ -99,6 +99,8 @@ class ActorSegments(FieldSegments):
     t_far: Tensor
     world_from_box: Tensor
     size_m: Tensor
+    row: Tensor
+    """Rows (P,) of the scene's tables, of an actor with a gait that of its pose at the ray's time."""
 
 
 @dataclass(frozen=True)

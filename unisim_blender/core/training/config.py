@@ -117,6 +117,11 @@ def without_tracklet_refinement(preset: Preset) -> Preset:
     return replace(preset, refines_tracklets=False)
 
 
+def without_poses(preset: Preset) -> Preset:
+    """Return the preset in which actors that change their shape have one field for all poses."""
+    return replace(preset, poses=False)
+
+
 def without_lidar(preset: Preset) -> Preset:
     """Return the preset that reads no sweep."""
     absent = dict.fromkeys((name for name in vars(preset.weights) if name.startswith("lidar_")), 0.0)
@@ -127,6 +132,7 @@ ABLATIONS: dict[Ablation, Callable[[Preset], Preset]] = {
     "decoder": without_decoder,
     "actor-prior": without_actor_prior,
     "tracklet-refinement": without_tracklet_refinement,
+    "poses": without_poses,
     "lidar": without_lidar,
 }
 """By the name that `unisim train --without` has for them."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 import math
 from collections.abc import Iterable
@@ -22,7 +23,7 @@ from ..model.config import ModelConfig
 from ..model.fields import HashTable
 from ..model.occupancy import OccupancyTrainer
 from ..model.scene import SceneModel
-from ..model.shapes import cells_of
+from ..model.shapes import cells_of, check_sizes
 from ..model.tracklets import Tracklets
 from ..model.volume import Volume
 from ..ops.constants import SYMMETRIC_CLASSES
@@ -35,6 +36,7 @@ from .batches.data import CameraData, LidarData, lidar_captures
 from .batches.images import PixelChoice
 from .batches.sweeps import SweepRef, SweepWindow, all_sweeps_fit
 from .config import TrainConfig, rate_factor, recipe
+from .gaits import gaits_of
 from .losses.shape import ShapeLosses
 from .losses.terms import Adversary, VggLoss, perceptual_stand_in
 from .losses.unobserved import UnobservedPrior
@@ -113,6 +115,9 @@ class TrainingSetup:
             raise LogError(
                 f"{log.path}: has no LiDAR sweep to train on; the presets ngp and nsg need none, --without lidar"
             )
+        if self.recipe.poses:
+            shapes = dataclasses.replace(shapes, gaits=gaits_of(log, self.lidars, config.frames))
+            check_sizes(shapes, self.volume, drive.name)
         ids = () if shapes.actors == "none" else tuple(sorted(drive.actors))
         actors = [drive.actors[uid] for uid in ids]
         # of a long drive the first sweeps and images are read while the model is made

@@ -82,12 +82,13 @@ searched one by one."""
 @dataclass(frozen=True)
 class PaddedKeys:
     """Trajectory keys of A actors, padded to K: times_s (A, K), inf where there is none; positions (A, K, 3), world
-    frame; quaternions_wxyz (A, K, 4); lengths (A,), the number of keys of each."""
+    frame; quaternions_wxyz (A, K, 4); lengths (A,), the number of keys of each; walked_m (A, K), `Trajectory.walked_m`."""
 
     times_s: FloatArray
     positions: FloatArray
     quaternions_wxyz: FloatArray
     lengths: NDArray[np.int32]
+    walked_m: FloatArray
 
     @staticmethod
     def of(actors: Sequence[Actor]) -> PaddedKeys:
@@ -99,14 +100,15 @@ class PaddedKeys:
         """Return the keys of trajectories, one row each."""
         lengths = np.array([len(trajectory.times_s) for trajectory in trajectories], np.int32)
         shape = len(trajectories), int(lengths.max(initial=1))
-        times, positions = np.full(shape, np.inf), np.zeros((*shape, 3))
+        times, positions, walked = np.full(shape, np.inf), np.zeros((*shape, 3)), np.zeros(shape)
         quaternions = np.tile([1.0, 0, 0, 0], (*shape, 1))
         real = np.arange(shape[1]) < lengths[:, None]
         if trajectories:
             times[real] = np.concatenate([trajectory.times_s for trajectory in trajectories])
             positions[real] = np.concatenate([trajectory.positions for trajectory in trajectories])
+            walked[real] = np.concatenate([trajectory.walked_m for trajectory in trajectories])
             quaternions[real] = np.concatenate([trajectory.quaternions_wxyz for trajectory in trajectories])
-        return PaddedKeys(times, positions, quaternions, lengths)
+        return PaddedKeys(times, positions, quaternions, lengths, walked)
 
     def positions_at(self, times_s: FloatArray) -> FloatArray:
         """Return the actors' positions (A, T, 3), world frame, at times (T,): `Trajectory.positions_at` of each."""

@@ -107,7 +107,7 @@ class ShapeLosses:
         def place(offset: Tensor) -> Tensor:
             return p0 + (depth_m[:, None] - offset[:, None] - t0) / (t1 - t0).clamp_min(1e-4) * (p1 - p0)
 
-        actor = segments.actor
+        actor = segments.row
         offset = self._offsets(len(actor), generator, 0.15)
         s = self.model.actors.signed_distance(tables, place(offset).clamp(0, 1), actor)
         band = masked_mean(sdf_band_loss(s, offset), hit)
@@ -212,7 +212,7 @@ class ShapeLosses:
         if not isinstance(segments, ActorSegments):
             return self._static_gradient(x), some
         row = pick // segments.t.shape[1]
-        actor = segments.actor[row].repeat_interleave(CORNERS)
+        actor = segments.row[row].repeat_interleave(CORNERS)
         gradient = outward_gradient(
             lambda y: self.model.actors.signed_distance(tables, y, actor), x, _STEP_M, segments.size_m[row]
         )

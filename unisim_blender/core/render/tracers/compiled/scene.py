@@ -37,10 +37,13 @@ from ....model.scene_file import (
     weights_hash,
 )
 from ....model.shapes import (
+    GAIT_BINS,
     actor_grid,
     background_grid,
     check_config,
     check_sizes,
+    gait_basis,
+    gait_rows,
     perceptrons,
     static_grid,
     stored_arrays,
@@ -74,7 +77,7 @@ def stored(weights: Weights, header: SceneHeader, voxels: int) -> VoxelCells | N
     if key is None or key.tobytes() != _key(header):
         return None
     kinds = weights.array("cells.kinds", (voxels,)).view(np.uint16)
-    return VoxelCells(kinds, weights.array("cells.boxes", (len(header.drive.actors), *(BOX_CELLS,) * 3)))
+    return VoxelCells(kinds, weights.array("cells.boxes", (_box_rows(header), *(BOX_CELLS,) * 3)))
 
 
 def to_store(cells: VoxelCells, header: SceneHeader) -> dict[str, NDArray[Any]]:
@@ -94,7 +97,7 @@ def cached_cells(header: SceneHeader, voxels: int, work_out: Callable[[], VoxelC
     with suppress(OutputError, KeyError):
         arrays = read_arrays(file, OutputError)
         cells = VoxelCells(arrays["kinds"], arrays["boxes"])
-        shapes = (voxels,), (len(header.drive.actors), *(BOX_CELLS,) * 3)
+        shapes = (voxels,), (_box_rows(header), *(BOX_CELLS,) * 3)
         if (
             (cells.kinds.shape, cells.boxes.shape) == shapes
             and cells.kinds.dtype == np.uint16
@@ -108,6 +111,10 @@ def cached_cells(header: SceneHeader, voxels: int, work_out: Callable[[], VoxelC
         for old in sorted(file.parent.glob("*.npz"), key=lambda path: path.stat().st_mtime)[:-MAX_CACHED_SCENES]:
             old.unlink(missing_ok=True)
     return cells
+
+
+def _box_rows(header: SceneHeader) -> int:
+    return len(header.drive.actors) + GAIT_BINS * len(header.model.get("gaits", ()))
 
 
 def _key(header: SceneHeader) -> bytes:
@@ -168,6 +175,7 @@ class CompiledScene:
         self.cameras = tuple(str(name) for name in self.header.training.get("cameras", ()))
         self._weights = weights = read_weights(self.path / WEIGHTS_NAME) if new is None else new
         size = volume.size_m
+        self.gaits = gait_rows(config, self.appearances)
         self._shapes = shapes = stored_arrays(config, size, len(self.appearances), len(self.cameras))
         weights.check_shapes(shapes)
         if new is None:
@@ -184,7 +192,7 @@ class CompiledScene:
         light, home = None, None
         if config.light == "ground":
             light = ctypes.pointer(self._network("light.network"))
-            home = self._keep(floats(self._array("light.home")))
+            home = self._keep(floats(self._array("light.home")[self.gaits.owner]))
         self.decoder = Decoder(weights, config, len(self.cameras))
         self.struct = SceneStruct(
             static_field=self._field("static.network", "static.grid.table", static_grid(config, size)),
@@ -236,7 +244,8 @@ class CompiledScene:
             ctypes.byref(self.struct), address(occupied), len(occupied), address(cells), native.threads()
         )
         sizes = floats([self.header.drive.actors[uid].size_m for uid in self.appearances]).reshape(-1, 3)
-        boxes = np.empty((len(self.appearances), BOX_CELLS, BOX_CELLS, BOX_CELLS), np.uint8)
+        sizes = np.ascontiguousarray(sizes[self.gaits.owner])
+        boxes = np.empty((len(sizes), BOX_CELLS, BOX_CELLS, BOX_CELLS), np.uint8)
         library.unisim_box_cells(
             ctypes.byref(self.struct), address(sizes), len(sizes), address(boxes), native.threads()
         )
@@ -283,6 +292,16 @@ class CompiledScene:
         cell = np.clip(np.floor(x / self.config.voxel_m), 0, np.array(self.observed.shape) - 1).astype(np.int64)
         return outside | (self.observed[cell[:, 0], cell[:, 1], cell[:, 2]] > 0)
 
+    def _posed(self, rows: NDArray[Any]) -> NDArray[np.float16]:
+        """Return the tables of poses (R, rows, features), see `model.actors.Gaits`, of the actors' own ``rows``."""
+        tables, count = self._array("actors.gaits.tables"), len(rows)
+        posed = np.empty((len(self.gaits.owner) - count, *rows.shape[1:]), np.float16)
+        for number, of_actor in enumerate(tables):
+            own = rows[self.gaits.owner[count + number * GAIT_BINS]].astype(np.float32)
+            waves = np.tensordot(gait_basis().astype(np.float32), of_actor.astype(np.float32), 1)
+            posed[number * GAIT_BINS : (number + 1) * GAIT_BINS] = waves + own
+        return posed
+
     def _keep(self, array: Any) -> Any:
         self.arrays.append(array)
         return array
@@ -297,6 +316,8 @@ class CompiledScene:
 
     def _field(self, network: str, table_name: str, grid: GridShape) -> FieldStruct:
         table = self._array(table_name)
+        if table_name == "actors.tables" and self.config.gaits:
+            table = np.concatenate([table, self._posed(table)])
         table = self._keep(table if table.dtype == np.float16 else floats(table))
         arrays = GridArrays(grid)
         self.arrays += arrays.arrays

@@ -64,6 +64,8 @@ class ActorSetStruct(ctypes.Structure):
         ),
         ("candidate_count", _I32),
         ("scales", _P),
+        ("walked", _P),
+        ("cycles", _P),
     ]
 
 

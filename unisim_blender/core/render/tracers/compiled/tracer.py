@@ -55,7 +55,9 @@ class _BoxTrajectories:
     """Trajectories of boxes whose appearances come from one scene."""
 
     def __init__(self, scene: CompiledScene, actors: Sequence[Actor], rows: Sequence[int]) -> None:
+        """``rows``: the actors' appearances; none for boxes of static space."""
         self.scene, self.count = scene, len(actors)
+        gaits, rows = scene.gaits, list(rows)
         self.bounds = Bounds(actors)
         keys = PaddedKeys.of(actors)
         self.keys = keys.times_s.shape[1]
@@ -67,7 +69,9 @@ class _BoxTrajectories:
             "sizes": floats(np.array([a.appearance_size_m for a in actors]).reshape(-1, 3)),
             "start": doubles([a.start_s for a in actors]),
             "end": doubles([a.end_s for a in actors]),
-            "rows": np.array(rows, np.int32),
+            "rows": np.ascontiguousarray(gaits.first[rows]) if rows else np.zeros(self.count, np.int32),
+            "walked": keys.walked_m,
+            "cycles": np.ascontiguousarray(gaits.cycles_m[rows]) if rows else np.zeros(self.count),
             "scales": floats(np.array([a.scale for a in actors]).reshape(-1, 3)),
         }
 
@@ -91,7 +95,7 @@ class CompiledActors:
             _BoxTrajectories(own, actor_set.actors, actor_set.rows)
             for own, actor_set in zip(scenes, (active.own, *active.foreign.values()), strict=True)
         ]
-        self.copies = _BoxTrajectories(scene, active.targets, [0] * len(active.targets)) if active.targets else None
+        self.copies = _BoxTrajectories(scene, active.targets, ()) if active.targets else None
         self._sources = doubles([box.world_from_box[:3] for box in active.sources])
         self._removals = doubles([invert_pose(box.world_from_box)[:3] for box in active.removals])
         self._removal_sizes = floats([box.size_m for box in active.removals])

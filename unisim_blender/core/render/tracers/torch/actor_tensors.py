@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ....geometry import FloatArray, invert_pose
 from ....model.scene import SceneModel
+from ....model.shapes import GAIT_BINS
 from ....model.tracklets import Tracklets
 from ....ops.devices import module_to
 from ....world.drive import Actor
@@ -28,6 +29,17 @@ class ActorSetTensors:
     uids: tuple[str, ...]
     keys: tuple[Tensor, Tensor] | None = None
     """The tracklets' keys, where they were computed before; else every trace computes them."""
+
+    def table_rows(self, actor: Tensor, time_s: Tensor) -> Tensor:
+        """Return the rows (P,) of the tables of actors (P,) at times (P,) float64, seconds: of one with a gait that of the
+        phase which the length of its path gives."""
+        gaits, row = self.scene.actors.gaits, self.rows[actor]
+        if gaits is None:
+            return row
+        cycle_m = gaits.cycles_m[row]
+        turns = self.tracklets.walked_at(actor, time_s) / cycle_m.clamp_min(1e-3)
+        bins = ((turns - turns.floor()) * GAIT_BINS).long().clamp(0, GAIT_BINS - 1)
+        return gaits.first[row] + torch.where(cycle_m > 0, bins, 0)
 
 
 @dataclass

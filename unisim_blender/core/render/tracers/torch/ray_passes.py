@@ -142,8 +142,7 @@ def _actor_outward(active: ActiveActorTensors, segments: ActorSegments) -> Calla
     """Return a function that rises towards free space in actors' fields, at points in their unit cubes, `CORNERS` for
     each ray segment."""
     actor_set = active.sets[segments.actor_set]
-    first = sum(len(each.uids) for each in active.sets[: segments.actor_set])
-    row = actor_set.rows[segments.actor - first].repeat_interleave(CORNERS)
+    row = segments.row.repeat_interleave(CORNERS)
     return lambda y: actor_set.scene.actors.values(actor_set.tables, y, row).outward()
 
 

@@ -222,6 +222,8 @@ def actor_segments(
         chance = torch.rand(len(sampling.mirror), generator=sampling.generator, device=row.device)
         flip = torch.where(chance < sampling.mirror, -1.0, 1.0)[row]
 
+    table = actor_set.table_rows(hits.actor, rays.time_s[hits.ray])
+
     def unit(t: Tensor) -> Tensor:
         x = along(hits.origins, hits.directions, t) / size[:, None]
         if flip is not None:
@@ -238,14 +240,14 @@ def actor_segments(
         count = sampling.count(samples.actor_proposals)
         u = stratified(len(row), count, sampling.jitter, span, sampling.generator)
         t = hits.t_near[:, None] + u * span
-        values = scene.actors.values(actor_set.tables, unit(t).reshape(-1, 3), row.repeat_interleave(count)).view(
+        values = scene.actors.values(actor_set.tables, unit(t).reshape(-1, 3), table.repeat_interleave(count)).view(
             t.shape
         )
         jitter = stratified(len(row), sampling.count(samples.actor), sampling.jitter, span, sampling.generator)
         quantiles = refined(scene, values, u, field_m(t), lambda: field_m((span / count).expand_as(t)), jitter)
         t = hits.t_near[:, None] + quantiles * span
     points = unit(t)
-    values, feature = scene.actors(actor_set.tables, points.reshape(-1, 3), row.repeat_interleave(t.shape[1]))
+    values, feature = scene.actors(actor_set.tables, points.reshape(-1, 3), table.repeat_interleave(t.shape[1]))
     values = values.view(t.shape)
     tau, stop_fraction = intervals(
         scene, values, field_m(t), lambda: field_m(torch.diff(t, dim=1, prepend=hits.t_near[:, None])),
@@ -266,6 +268,7 @@ def actor_segments(
         ray=hits.ray, t=t, features=feature.view(*t.shape, scene.config.features), tau=tau, stop_fraction=stop_fraction,
         values=values, points=points, density=scene.config.density, beta=scene.beta().detach(), actor_set=number,
         actor=hits.actor + first, t_near=hits.t_near, t_far=hits.t_far, world_from_box=hits.world_from_box, size_m=size,
+        row=table,
     )  # fmt: skip
 
 
