@@ -23,7 +23,7 @@ UNISIM_DEVICE int32_t pixels_of(const ImageInputs &image) { return image.height 
 } // namespace
 
 // `core/render/tracers/compiled/gpu.py` has their sizes.
-static_assert(sizeof(Segment) == 104, "SEGMENT_BYTES");
+static_assert(sizeof(Segment) == 108, "SEGMENT_BYTES");
 
 // Traces the first rays of the order: as many as `count` says, or all of them where it is null. One that finds no room
 // is noted in `refused` (its count first), and traced again with more of it.

@@ -69,8 +69,6 @@ def rough(model: SceneModel) -> None:
         field.grid.table.copy_(torch.randn_like(field.grid.table) * rows)
     for parameter in scene.actors.hypernetwork.parameters():
         parameter.normal_(0, 1.0)
-    if scene.actors.gaits is not None:
-        scene.actors.gaits.tables.normal_(0, 0.3)
     scene.static.network[-1].bias[0] = -0.1
     scene.actors.network[-1].bias[0] = -0.3
     if scene.light is not None:
@@ -80,6 +78,8 @@ def rough(model: SceneModel) -> None:
     scene.occupancy.values.copy_(torch.where(torch.rand(scene.occupancy.values.shape) < 0.03, 255, 0))
     scene.observed.copy_(torch.rand(scene.observed.shape) < 0.5)
     scene.ground.heights.copy_(3.5 + torch.rand(scene.ground.heights.shape))
+    if scene.actors.gaits is not None:  # last: what is drawn before is that of scenes without gaits
+        scene.actors.gaits.tables.normal_(0, 0.3)
 
 
 def saved(folder: Path, config: ModelConfig, seed: int = 0) -> Path:

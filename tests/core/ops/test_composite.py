@@ -152,6 +152,7 @@ def of_actor_set(number: int, segments: RaySegments) -> ActorSegments:
         **vars(segments), values=SignedDistances(segments.t), points=segments.t, density="logistic", beta=torch.ones(()),
         actor_set=number,
         actor=segments.ray, t_near=one, t_far=one, world_from_box=size, size_m=size,
+        row=segments.ray,
     )  # fmt: skip
 
 

@@ -108,7 +108,7 @@ class Gaits(nn.Module):
         super().__init__()
         count = len(config.gaits)
         shape = count, 2 * GAIT_HARMONICS, *actor_row(config)
-        self.tables = nn.Parameter(torch.empty(shape).uniform_(-1e-4, 1e-4))
+        self.tables = nn.Parameter(torch.zeros(shape))
         self.register_buffer("basis", torch.as_tensor(gait_basis()).float(), persistent=False)
         self.register_buffer("first", torch.as_tensor(rows.first).long(), persistent=False)
         self.register_buffer("cycles_m", torch.as_tensor(rows.cycles_m), persistent=False)

@@ -277,11 +277,16 @@ class Tracklets(nn.Module):
         times (P,) float64, seconds."""
         return interpolated(self.times, self.lengths, keys, actor, time_s)
 
-    def walked_at(self, actor: Tensor, time_s: Tensor) -> Tensor:
-        """Return the lengths (P,) float64, metres, of the paths of ``actor`` (P,) up to times (P,) float64, seconds."""
+    def walked_at(self, actor: Tensor, time_s: Tensor, keys: tuple[Tensor, Tensor]) -> Tensor:
+        """Return the lengths (P,) float64, metres, of the paths of ``actor`` (P,) up to times (P,) float64, seconds. No
+        gradient."""
         lower, upper, u = _between(self.times, self.lengths, actor, time_s)
-        start = self.walked[actor, lower]
-        return start + u * (self.walked[actor, upper] - start)
+        walked = self.walked
+        if self.refine:  # as the exported trajectories have it
+            steps = keys[0].detach()[..., :2].double().diff(dim=1).norm(dim=-1)
+            walked = torch.cat([walked[:, :1], walked[:, :1] + steps.cumsum(1)], 1)
+        start = walked[actor, lower]
+        return start + u * (walked[actor, upper] - start)
 
     def hits(
         self,

@@ -61,7 +61,7 @@ MAX_LENS_TABLES = 8
 """Largest number of cameras whose lenses' directions stay on the GPU."""
 SAMPLES, SEGMENTS = 192, 24
 """Room of a thread; rays that find too little are traced again with twice as much."""
-SEGMENT_BYTES = 104
+SEGMENT_BYTES = 108
 """Size of a `Segment` in native/cuda/trace_ray.h."""
 
 

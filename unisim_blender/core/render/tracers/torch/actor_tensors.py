@@ -37,7 +37,7 @@ class ActorSetTensors:
         if gaits is None:
             return row
         cycle_m = gaits.cycles_m[row]
-        turns = self.tracklets.walked_at(actor, time_s) / cycle_m.clamp_min(1e-3)
+        turns = self.tracklets.walked_at(actor, time_s, self.keys or self.tracklets.keys()) / cycle_m.clamp_min(1e-3)
         bins = ((turns - turns.floor()) * GAIT_BINS).long().clamp(0, GAIT_BINS - 1)
         return gaits.first[row] + torch.where(cycle_m > 0, bins, 0)
 
