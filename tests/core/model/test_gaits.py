@@ -84,6 +84,8 @@ def test_a_pose_follows_the_path_not_the_clock() -> None:
     assert rows(MOVING, times) == rows(slow, [3 * t for t in times])
     bins = [4 + int(float(keys.walked_at(t)) / 1.3 % 1 * GAIT_BINS) for t in times]
     assert rows(MOVING, times) == bins and len(set(bins)) == 5
+    large = dataclasses.replace(MOVING, scale=(1.5, 1.0, 1.0))
+    assert rows(large, times) == [4 + int(float(keys.walked_at(t)) / 1.95 % 1 * GAIT_BINS) for t in times]
     part = dataclasses.replace(MOVING, world_from_actor=keys.between(0.23, 0.41))
     assert rows(part, times[3:]) == bins[3:]
 

@@ -16,7 +16,7 @@ CRANK_TURN_M, RIDING_M_S = 4.6, 2.6
 """Metres that a bicycle goes in a turn of its crank, in a middle gear; the speed above which one rides."""
 WALK_RATIO = 0.39
 """Length of a step, squared, over speed, seconds metres: Sekiya and Nagasaki, 1998, have .0065 m in a step a minute."""
-_MIN_CYCLES, _MIN_RETURNS, _MIN_SWEEPS = 0.5, 15, 10
+_MIN_CYCLES, _MIN_RETURNS, _MIN_SWEEPS = 0.5, 15, 12
 _RATIOS = np.geomspace(0.7, 1.45, 91)
 """Cycles that are tried, relative to what the speed tells."""
 _MIN_GAIN = 0.08
@@ -46,8 +46,8 @@ def gaits_of(log: Log, lidars: Sequence[str], frames: Sequence[int]) -> tuple[tu
 
 
 def _legs(actor: Actor, points: FloatArray, time_s: FloatArray) -> tuple[float, FloatArray] | None:
-    """Return the length of an actor's path when a sweep hits its lower half, and where in it the returns lie: parts (24,) of
-    them by length, side and height. None where few do."""
+    """Return the length of an actor's path when a sweep hits its lower half, and where along it the returns lie: parts (12,)
+    of them. None where few do."""
     keys = actor.world_from_actor
     near = np.flatnonzero(
         np.abs(points - keys.positions_at(float(np.median(time_s)))).max(1) < actor.size_m.max() / 2 + 2.0
@@ -61,8 +61,8 @@ def _legs(actor: Actor, points: FloatArray, time_s: FloatArray) -> tuple[float, 
     inside = (np.abs(local) < [0.55, 0.55, 0.5]).all(1) & (local[:, 2] > -0.46) & (local[:, 2] < 0.0)
     if inside.sum() < _MIN_RETURNS:
         return None
-    counts, _ = np.histogramdd(local[inside], (6, 2, 2), ((-0.55, 0.55), (-0.55, 0.55), (-0.5, 0.0)))
-    return float(keys.walked_at(time)), counts.reshape(-1) / counts.sum()
+    counts, _ = np.histogram(local[inside, 0], 12, (-0.55, 0.55))
+    return float(keys.walked_at(time)), counts / counts.sum()
 
 
 def _fitted(cycle_m: float, legs: Sequence[tuple[float, FloatArray]]) -> float:
@@ -70,12 +70,14 @@ def _fitted(cycle_m: float, legs: Sequence[tuple[float, FloatArray]]) -> float:
     if len(legs) < _MIN_SWEEPS:
         return cycle_m
     walked, places = np.array([way for way, _ in legs]), np.stack([place for _, place in legs])
+    # where it is seen from changes, too
+    trend = np.vander((walked - walked.mean()) / np.ptp(walked), 3)
 
     def misfit(cycle_m: float) -> float:
         angle = 2 * np.pi * walked[:, None] / cycle_m
-        waves = np.concatenate([np.ones_like(angle), *(f(n * angle) for n in (1, 2) for f in (np.cos, np.sin))], 1)
+        waves = np.concatenate([trend, *(f(n * angle) for n in (1, 2) for f in (np.cos, np.sin))], 1)
         rest = places - waves @ np.linalg.lstsq(waves, places, rcond=None)[0]
-        return float((rest**2).sum())
+        return float((rest**2).sum() + 1e-6 * (places**2).sum())
 
     tried = cycle_m * _RATIOS
     misfits = np.array([misfit(float(cycle)) for cycle in tried])

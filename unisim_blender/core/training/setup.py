@@ -227,8 +227,10 @@ class TrainingSetup:
                     self.sinks.append((module.sink, module.table))
         if has_kernels:
             self.model.actors.sink = GradientSink()
-        appearances = self.model.actors.own()
-        known = {id(p) for p in (*tables, *appearances)}
+        gaits = self.model.actors.gaits
+        poses = [] if gaits is None else [gaits.tables]
+        appearances = [p for p in self.model.actors.own() if all(p is not pose for pose in poses)]
+        known = {id(p) for p in (*tables, *appearances, *poses)}
         networks = [p for p in self.model.parameters() if id(p) not in known]
         c = self.config
         fast = [
@@ -239,6 +241,7 @@ class TrainingSetup:
             {"params": appearances, "rates": c.rate_tables, "eps": 1e-15}
             if self.model.config.actors == "tables"
             else {"params": appearances, "rates": c.rate_networks, "eps": 1e-10},
+            {"params": poses, "rates": c.rate_tables, "eps": 1e-15},
             {"params": [self.tracklets.shift_m], "rates": c.rate_shifts, "eps": 1e-10},
             {"params": [self.tracklets.turn_6d], "rates": c.rate_turns, "eps": 1e-10},
             {"params": list(self.camera_poses.parameters()), "rates": c.rate_cameras, "eps": 1e-10},

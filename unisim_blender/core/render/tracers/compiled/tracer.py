@@ -61,6 +61,7 @@ class _BoxTrajectories:
         self.bounds = Bounds(actors)
         keys = PaddedKeys.of(actors)
         self.keys = keys.times_s.shape[1]
+        scales = floats(np.array([a.scale for a in actors]).reshape(-1, 3))
         self.arrays: dict[str, NDArray[Any]] = {
             "times": keys.times_s,
             "lengths": keys.lengths,
@@ -71,8 +72,8 @@ class _BoxTrajectories:
             "end": doubles([a.end_s for a in actors]),
             "rows": np.ascontiguousarray(gaits.first[rows]) if rows else np.zeros(self.count, np.int32),
             "walked": keys.walked_m,
-            "cycles": np.ascontiguousarray(gaits.cycles_m[rows]) if rows else np.zeros(self.count),
-            "scales": floats(np.array([a.scale for a in actors]).reshape(-1, 3)),
+            "cycles": gaits.cycles_m[rows] * scales[:, 0] if rows else np.zeros(self.count),
+            "scales": scales,
         }
 
     def struct(self, candidates: Sequence[int]) -> tuple[ActorSetStruct, Any]:

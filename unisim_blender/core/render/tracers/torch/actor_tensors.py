@@ -32,11 +32,11 @@ class ActorSetTensors:
 
     def table_rows(self, actor: Tensor, time_s: Tensor) -> Tensor:
         """Return the rows (P,) of the tables of actors (P,) at times (P,) float64, seconds: of one with a gait that of the
-        phase which the length of its path gives."""
+        phase which the length of its path gives, in cycles as long as the actor is scaled."""
         gaits, row = self.scene.actors.gaits, self.rows[actor]
         if gaits is None:
             return row
-        cycle_m = gaits.cycles_m[row]
+        cycle_m = gaits.cycles_m[row] * self.tracklets.scales[actor, 0]
         turns = self.tracklets.walked_at(actor, time_s, self.keys or self.tracklets.keys()) / cycle_m.clamp_min(1e-3)
         bins = ((turns - turns.floor()) * GAIT_BINS).long().clamp(0, GAIT_BINS - 1)
         return gaits.first[row] + torch.where(cycle_m > 0, bins, 0)
