@@ -69,6 +69,25 @@ def test_sideways_and_too_fast(source: DriveSource) -> None:
     assert float(text.split()[1]) > 252
 
 
+def test_a_pose_that_nobody_recorded_is_extrapolated(source: DriveSource) -> None:
+    def of_class(label: str, uid: str, forward_m: float, **more: object) -> list[str]:
+        actor = source.drive.actors[uid]
+        drive = replace(source.drive, actors={uid: replace(actor, label=label)})
+        sampled = imported(drive)
+        poses = one_of(sampled, uid).poses.copy()
+        poses[:, :3, 3] += np.arange(len(poses))[:, None] * forward_m * poses[:, :3, 0]
+        texts = found(changed(sampled, uid, poses=poses), replace(source, drive=drive))
+        return [text for text in texts.get(uid, []) if "extrapolated" in text]
+
+    stands, goes = standing(source.drive).uid, driving(source.drive).uid
+    assert of_class("Pedestrian", stands, 0.12) == [
+        "goes 4 km/h and was recorded at 0 km/h to 0 km/h: its pose is extrapolated"
+    ]
+    assert of_class("Car", stands, 0.12) == [] == of_class("Pedestrian", stands, 0.0)
+    assert of_class("Pedestrian", goes, 0.05) == []
+    assert len(of_class("Pedestrian", goes, -0.6)) == 1
+
+
 def test_limits_of_motion_count_for_edited_vehicles_alone(source: DriveSource) -> None:
     actor = driving(source.drive)
     sampled = imported(source.drive)

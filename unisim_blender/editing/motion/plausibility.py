@@ -30,6 +30,8 @@ OFF_GROUND_M = 0.5
 FAR_VIEW_M = 3.0
 ASIDE_SHARE = 0.5
 """Of what a camera sees, sideways: how much may lie beyond what any camera recorded."""
+SPEED_TOLERANCE, SPEED_NOISE_M_S = 1.25, 0.3
+"""By how much a walker's speed may differ from what was recorded: a factor, and what annotations' noise makes of it."""
 PLAUSIBLE_EXTENT_M = 0.05, 100.0
 """Of a mesh actor: beyond it, its file may have another unit."""
 PLAUSIBLE_SCALE = 0.5, 2.0
@@ -70,6 +72,7 @@ def warnings_of(
                 obj.name, first, Text("is of another scene, so it is not shown without a trained scene of this drive")
             )
         yield from _motion(obj, label, sampled.clock)
+        yield from _pose(obj, label, drive, sampled.clock)
         yield from _limits(obj, drive, sampled.clock, limits)
         yield from _height(obj, ground, sampled.clock)
         yield from _size(obj, sampled.clock)
@@ -127,6 +130,23 @@ def _motion(obj: SampledObject, label: str, clock: Clock) -> Iterator[Finding]:
         skids = both & (speed > MOVING_M_S) & (np.arccos(np.clip(along, 0, 1)) > SIDEWAYS_RAD)
         if skids.any():
             yield Finding(obj.name, int(clock.frames[int(np.argmax(skids))]), Text("drives sideways"))
+
+
+def _pose(obj: SampledObject, label: str, drive: Drive, clock: Clock) -> Iterator[Finding]:
+    """Yield where an actor that changes its shape as it goes does so at a speed that nobody recorded of it."""
+    if motion_of(label) != "deforming" or obj.mesh or obj.appearance_scene:
+        return
+    track = ObjectTrack(obj.name, obj.kind, obj.appearance or obj.uid, label, obj.poses, obj.there)
+    motion = compared(track, drive, clock, Limits())
+    if motion.recorded is None or np.isnan(motion.recorded.speed_m_s).all():
+        return
+    now, least, most = motion.now.speed_m_s, *(f(motion.recorded.speed_m_s) for f in (np.nanmin, np.nanmax))
+    beyond = np.nan_to_num(np.maximum(now - SPEED_TOLERANCE * most, least / SPEED_TOLERANCE - now))
+    if beyond.max() > SPEED_NOISE_M_S:
+        at = int(beyond.argmax())
+        speeds = {"speed": kmh(float(now[at])), "least": kmh(float(least)), "most": kmh(float(most))}
+        text = Text("goes {speed} and was recorded at {least} to {most}: its pose is extrapolated", **speeds)
+        yield Finding(obj.name, int(clock.frames[at]), text)
 
 
 def _limits(obj: SampledObject, drive: Drive, clock: Clock, limits: Limits) -> Iterator[Finding]:
