@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,14 @@ from helpers import drawn, driving, imported
 
 from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
-from unisim_blender.bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
-from unisim_blender.bridge.sampling.stepping import preserve_frame, sample
+from unisim_blender.bridge.sampling.adjacent_frames import lacking, sample_now, step_beside, with_lengths
+from unisim_blender.bridge.sampling.stepping import preserve_frame, sample, sample_all
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.worker.server import Jobs
 from unisim_blender.core.world.drive import Camera
 from unisim_blender.core.world.encoding import decode_sensor
-from unisim_blender.editing.reading.requests import camera_request
+from unisim_blender.editing.reading.requests import HERE, _walked_on, camera_request, edited_drive
+from unisim_blender.editing.reading.scenario import read_scenario
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.scene import same
 
@@ -47,6 +49,31 @@ def test_the_moment_is_what_stepping_finds(street: Any, frame: int) -> None:
     for a, b in zip(now.objects, stepped.objects, strict=True):
         assert same(a.poses, b.poses).all(), a.name
         assert (a.there == b.there).all(), a.name
+
+
+@pytest.mark.parametrize("edit", ["none", "turned"])
+def test_limbs_have_the_phase_of_the_export(street: Any, edit: str) -> None:
+    """It follows the length of the whole path, of which the moment has a few frames."""
+    box = driving(street)
+    if edit == "turned":
+        empty = bpy.data.objects.new("parent", None)
+        street.collection.objects.link(empty)
+        above_of(box).parent = empty
+        for frame, y in ((0, 0.0), (19, 9.0)):
+            empty.location = (0.0, y, 0.0)
+            empty.keyframe_insert("location", frame=frame)
+    source, uid = source_of(street), box.unisim.uid
+    actors = source.drive.actors
+    walker = replace(actors[uid], label="Pedestrian")
+    source = replace(source, drive=replace(source.drive, actors={**actors, uid: walker}))
+    now, _ = both(street, 12)
+    now = with_lengths(now, street, source.drive)
+    edited = _walked_on(edited_drive(read_scenario(now, source, HERE), source), now).actors[uid].world_from_actor
+    all_frames = sample_all(street, Clock.of(source.drive))
+    whole = edited_drive(read_scenario(all_frames, source, HERE), source).actors[uid].world_from_actor
+    times = np.linspace(now.clock.times_s[0], now.clock.times_s[-1], 9)
+    assert whole.walked_at(times).min() > 3.0 and (len(edited.times_s) < len(whole.times_s)) == (edit == "turned")
+    np.testing.assert_allclose(edited.walked_at(times), whole.walked_at(times), atol=5e-3)
 
 
 def above_of(one: Any) -> Any:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bridge.objects.imported import source_of
+from ..bridge.sampling.adjacent_frames import with_lengths
 from ..bridge.sampling.stepping import image_size, moment
 from ..bridge.window import redraw_rendered, run_soon
 from ..core.colour import linear_from_srgb
@@ -128,6 +129,7 @@ class UniSimEngine(bpy.types.RenderEngine):
             self.frame_set(whole, subframe=0.0)
 
         sampled, view = moment(scene, depsgraph, source, frame, step, scene.camera)
+        sampled = with_lengths(sampled, scene, source.drive)
         self.frame_set(shown, subframe=part)
         size = image_size(render)
         layer = depsgraph.view_layer_eval

@@ -17,7 +17,7 @@ from mathutils import Matrix
 from numpy.typing import NDArray
 
 from ..bridge.objects.imported import source_of
-from ..bridge.sampling.adjacent_frames import lacking, sample_now, step_soon
+from ..bridge.sampling.adjacent_frames import lacking, sample_now, step_soon, with_lengths
 from ..bridge.sampling.stepping import frame_of
 from ..core.errors import UnisimError
 from ..core.scenario import scenario_to_json
@@ -209,7 +209,7 @@ class ViewportImage:
         if lacking(scene, clock, also):
             step_soon(scene, clock, also)
             return None
-        sampled = sample_now(scene, depsgraph, clock, also)
+        sampled = with_lengths(sample_now(scene, depsgraph, clock, also), scene, source.drive)
         if through is not None:
             view = next(obj for obj in sampled.objects if obj.name == through.name)
             self.rectangle = camera_rectangle(context, scene)

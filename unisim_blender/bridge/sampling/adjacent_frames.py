@@ -17,8 +17,10 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ...core.geometry import BoolArray, FloatArray
+from ...core.world.classes import motion_of
+from ...core.world.drive import Drive
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.scene import Sampled, rigid, scaling_of
+from ...editing.sampled.scene import Sampled, SampledObject, rigid, scaling_of
 from ..objects.animation import curves_of, keys_hide, shown_by_keys
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects
 from ..objects.trajectories import keyed_pose, keyed_poses
@@ -75,6 +77,24 @@ def sample_now(
             there = shown_by_keys(owner, clock.frames) if keyed else np.repeat(obj.there[:1], len(clock.frames))
         sampled.append(replace(obj, poses=rigid(poses), there=there & (not owner.hide_render), scaling=scaling))
     return replace(current, clock=clock, objects=tuple(sampled))
+
+
+def with_lengths(sampled: Sampled, scene: bpy.types.Scene, drive: Drive) -> Sampled:
+    """Return a scene sampled at a few frames with the lengths of paths up to the first of them (`SampledObject.walked_m`), of
+    actors that change their shape as they go and that keys alone move."""
+    before = Clock.of(drive).frames
+    before = before[before <= sampled.clock.frames[0]]
+
+    def with_length(obj: SampledObject) -> SampledObject:
+        actor, owner = drive.actors.get(obj.appearance or obj.uid), scene.objects.get(obj.name)
+        if obj.kind != "ACTOR" or actor is None or owner is None or motion_of(actor.label) != "deforming":
+            return obj
+        if obj.mesh or not moved_by_keys(owner):
+            return obj
+        path = keyed_poses(owner, before)[shown_by_keys(owner, before), :2, 3]
+        return replace(obj, walked_m=float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()))
+
+    return replace(sampled, objects=tuple(map(with_length, sampled.objects)))
 
 
 def lacking(scene: bpy.types.Scene, clock: Clock, also: Iterable[bpy.types.Object] = ()) -> list[bpy.types.Object]:

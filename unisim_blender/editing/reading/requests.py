@@ -17,6 +17,7 @@ import numpy as np
 from ...core.errors import UnisimError
 from ...core.prepare.capture_request import capture_request
 from ...core.scenario import apply_scenario, check_scenario
+from ...core.scenario.motion.trajectories import SAME_TIME_S
 from ...core.scenario.sensors.document import CameraSpec, Sensors
 from ...core.scenario.sensors.select import camera_members
 from ...core.scenario.types import Scenario
@@ -64,7 +65,7 @@ def camera_request(
         )
     assert view.camera is not None
     model = sized(view.camera, size, aspect, recorded is not None)
-    edited = edited_drive(scenario, source)
+    edited = _walked_on(edited_drive(scenario, source), sampled)
     camera = edited.cameras[sensor_id(view, drive)]
     time_s = clock.capture(camera, frame).time_s(camera)
     # as `unisim render` resizes a camera: its own width decides how finely an image is traced
@@ -97,9 +98,22 @@ def indices(sampled: Sampled) -> dict[str, int]:
 def lidar_request(sampled: Sampled, lidar: SampledObject, source: DriveSource, frame: float) -> dict[str, Any]:
     """Return the worker's request for a sweep of ``lidar``."""
     scenario = read_scenario(only(sampled, lidar), source, HERE)
-    edited = edited_drive(scenario, source)
+    edited = _walked_on(edited_drive(scenario, source), sampled)
     sensor = edited.lidars[sensor_id(lidar, source.drive)]
     return _request(source, edited, sensor, Clock.of(source.drive).capture(sensor, frame).time_s(sensor))
+
+
+def _walked_on(edited: Drive, sampled: Sampled) -> Drive:
+    """Return an edited drive whose paths begin at the sampled frames with the lengths up to these that an export has."""
+    first_s, walked = float(sampled.clock.times_s[0]), {}
+    for obj in sampled.of("ACTOR"):
+        actor = edited.actors.get(obj.uid if obj.is_original else obj.title)
+        if actor is None or not obj.walked_m or actor.world_from_actor.times_s[0] < first_s - SAME_TIME_S:
+            continue
+        path = actor.world_from_actor
+        start = obj.walked_m - float(path.walked_at(first_s))
+        walked[actor.uid] = replace(actor, world_from_actor=replace(path, start_walked_m=start))
+    return replace(edited, actors={**edited.actors, **walked}) if walked else edited
 
 
 def edited_drive(scenario: Scenario, source: DriveSource) -> Drive:

@@ -119,7 +119,7 @@ class SampledObject:
     the scenario where that is not ``name``; ``span`` are the frames of its trajectory's first and last key,
     ``maneuvers`` those that it notes, as JSON, and ``row`` the edit `row` that put it there. For the edits list alone:
     ``ridden`` are the poses (N, 4, 4) of its trajectory, ``scale_lift_m`` how far it was lifted along its own axis for
-    its scale."""
+    its scale. ``walked_m`` is the length of its path up to the first frame, where limbs follow that."""
 
     name: str
     kind: str
@@ -143,6 +143,7 @@ class SampledObject:
     row: str = ""
     maneuvers: str = ""
     scale_lift_m: float = 0.0
+    walked_m: float = 0.0
 
     @property
     def title(self) -> str:

@@ -9,7 +9,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ...bridge.objects.imported import source_of
-from ...bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
+from ...bridge.sampling.adjacent_frames import lacking, sample_now, step_beside, with_lengths
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.views.points import hide_points, put_sweep
 from ...bridge.window import drive, redraw, run_soon
@@ -88,6 +88,7 @@ def ask_sweeps(scene: bpy.types.Scene) -> None:
     clock = Clock.of(source.drive).around(frame_of(scene))
     step_beside(scene, clock, lacking(scene, clock))
     sampled = sample_now(scene, bpy.context.evaluated_depsgraph_get(), clock)
+    sampled = with_lengths(sampled, scene, source.drive)
     worker = client(interpreter())
     for lidar in sampled.of("LIDAR"):
         key, recorded = (scene.name, lidar.name), source.drive.lidars.get(lidar.uid)
