@@ -127,7 +127,7 @@ class TrainingSetup:
         self._deferred: tuple[dict[str, Tensor], dict[str, Tensor]] | None = None
         if window is not None:
             self.deferred()  # while the first sweeps are read
-        self.choice = PixelChoice(self.cameras.rooms(shapes.upsample))
+        self.choice = PixelChoice(self.cameras.rooms(shapes.upsample), self.cameras.actors())
         self.lidar: LidarData | SweepWindow
         if window is None:
             self.lidar = LidarData(log, self.lidars, config.frames, self.volume.corner)
