@@ -236,7 +236,8 @@ class TrainingSetup:
             else {"params": appearances, "rates": c.rate_networks, "eps": 1e-10},
             {"params": [self.tracklets.shift_m], "rates": c.rate_shifts, "eps": 1e-10},
             {"params": [self.tracklets.turn_6d], "rates": c.rate_turns, "eps": 1e-10},
-            {"params": list(self.camera_poses.parameters()), "rates": c.rate_cameras, "eps": 1e-10},
+            {"params": [self.camera_poses.shift_m], "rates": c.rate_camera_shifts, "eps": 1e-10},
+            {"params": [self.camera_poses.turn_rad], "rates": c.rate_camera_turns, "eps": 1e-10},
             {"params": [self.log_gains], "rates": c.rate_exposures, "eps": 1e-10},
         ]
         on_gpu = c.device.startswith("cuda")
