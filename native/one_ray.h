@@ -90,17 +90,23 @@ UNISIM_DEVICE inline void position_at(const unisim_actor_set &set, int actor, do
     position_at(set, actor, key_interval(set, actor, time), position);
 }
 
-UNISIM_DEVICE inline Pose pose_at(const unisim_actor_set &set, int actor, double time) {
-    const KeyInterval at = key_interval(set, actor, time);
+// r (3, 3): world from box.
+UNISIM_DEVICE inline void rotation_at(const unisim_actor_set &set, int actor, const KeyInterval &at, double *r) {
     const double *quaternions = set.quaternions + static_cast<int64_t>(actor) * set.keys * 4;
-    Pose pose;
-    position_at(set, actor, at, pose.position);
     double q[4];
     slerp(quaternions + 4 * at.lower, quaternions + 4 * at.upper, at.u, q);
     const double w = q[0], x = q[1], y = q[2], z = q[3];
-    const double r[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
-                         2 * (x * y + w * z),     1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-                         2 * (x * z - w * y),     2 * (y * z + w * x),     1 - 2 * (x * x + y * y)};
+    r[0] = 1 - 2 * (y * y + z * z), r[1] = 2 * (x * y - w * z), r[2] = 2 * (x * z + w * y);
+    r[3] = 2 * (x * y + w * z), r[4] = 1 - 2 * (x * x + z * z), r[5] = 2 * (y * z - w * x);
+    r[6] = 2 * (x * z - w * y), r[7] = 2 * (y * z + w * x), r[8] = 1 - 2 * (x * x + y * y);
+}
+
+UNISIM_DEVICE inline Pose pose_at(const unisim_actor_set &set, int actor, double time) {
+    const KeyInterval at = key_interval(set, actor, time);
+    Pose pose;
+    double r[9];
+    position_at(set, actor, at, pose.position);
+    rotation_at(set, actor, at, r);
     for (int i = 0; i < 9; ++i) pose.rotation[i] = static_cast<float>(r[i]);
     return pose;
 }

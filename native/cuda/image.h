@@ -161,15 +161,6 @@ UNISIM_DEVICE inline void run_head(const unisim_head &head, const float *feature
     }
 }
 
-// out (2): the intensity of a beam's return, and the logit of its probability.
-UNISIM_DEVICE inline void decode_beam(const TraceInputs &in, const unisim_head &head, int64_t ray, float *out) {
-    float x[MAX_WIDTH], active[MAX_WIDTH];
-    const float extra[2] = {std::log1p(in.result.depth[ray]) / 5.0f, in.result.opacity[ray]};
-    run_head(head, in.result.feature + ray * head.features, in.rays.directions + 3 * ray, extra, x, active);
-    out[0] = sigmoid(x[0]);
-    out[1] = x[1];
-}
-
 // Decodes the feature of a pixel, or of a cell's pixels, into the image.
 UNISIM_DEVICE inline void decode(const ImageInputs &image, const float *feature, const double *direction,
                                  int64_t pixel) {

@@ -1,5 +1,5 @@
-// What a GPU launches: rays, images, their parts, and operations of training, one thread each.
-#include "image.h"
+// What a GPU launches: rays, images, their parts, sweeps, and operations of training, one thread each.
+#include "sweep.h"
 #include "training.h"
 
 namespace {
@@ -50,8 +50,12 @@ extern "C" __global__ void __launch_bounds__(128, 3)
 
 extern "C" __global__ void __launch_bounds__(128)
     unisim_decode_beams(const __grid_constant__ TraceInputs in, const __grid_constant__ unisim_head head, int32_t count,
-                        float *out) {
-    for_numbers(count, [&](int32_t i) { decode_beam(in, head, i, out + 2 * static_cast<int64_t>(i)); });
+                        float *intensity, float *probability, float *range) {
+    for_numbers(count, [&](int32_t i) { decode_beam(in, head, i, intensity, probability, range); });
+}
+
+extern "C" __global__ void __launch_bounds__(128) unisim_begin_sweep(const __grid_constant__ SweepInputs sweep) {
+    for_numbers(sweep.beams * sweep.columns, [&](int32_t i) { begin_beam(sweep, i); });
 }
 
 extern "C" __global__ void __launch_bounds__(128) unisim_begin_image(const __grid_constant__ ImageInputs image) {

@@ -78,6 +78,7 @@ int wait() {
 using Call = std::function<std::function<void()>(void **)>;
 struct Kernel {
     Call call;
+    size_t first_size; // of the first argument, which has the longest structure
     bool of_torch = false;
 };
 template <class... Arguments, size_t... At>
@@ -88,11 +89,12 @@ Call call_of(void (*function)(Arguments...), std::index_sequence<At...>) {
     };
 }
 template <class... Arguments> Kernel kernel_of(void (*function)(Arguments...), bool of_torch = false) {
-    return {call_of(function, std::index_sequence_for<Arguments...>()), of_torch};
+    using First = std::tuple_element_t<0, std::tuple<std::decay_t<Arguments>...>>;
+    return {call_of(function, std::index_sequence_for<Arguments...>()), sizeof(First), of_torch};
 }
 std::map<std::string, Kernel> kernels = {
     {"unisim_trace_rays", kernel_of(unisim_trace_rays)},       {"unisim_decode_beams", kernel_of(unisim_decode_beams)},
-          {"unisim_begin_image", kernel_of(unisim_begin_image)},
+    {"unisim_begin_image", kernel_of(unisim_begin_image)},     {"unisim_begin_sweep", kernel_of(unisim_begin_sweep)},
     {"unisim_collect_pixels", kernel_of(unisim_collect_pixels)}, {"unisim_finish_pixels", kernel_of(unisim_finish_pixels)},
     {"unisim_judge_blocks", kernel_of(unisim_judge_blocks)},   {"unisim_fill_pixels", kernel_of(unisim_fill_pixels)},
 #define OF_TORCH(name) {#name, kernel_of(name, true)}
@@ -115,6 +117,7 @@ EXPORT size_t size_of_gathered_segments() { return sizeof(GatheredSegments); }
 EXPORT size_t size_of_voxel_rays() { return sizeof(VoxelRays); }
 EXPORT size_t size_of_inputs() { return sizeof(TraceInputs); }
 EXPORT size_t size_of_image() { return sizeof(ImageInputs); }
+EXPORT size_t size_of_sweep() { return sizeof(SweepInputs); }
 EXPORT int cuInit(unsigned) { return 0; }
 int devices = 1;
 EXPORT void have_devices(int count) { devices = count; }
@@ -214,10 +217,9 @@ EXPORT int cuLaunchKernel(void *function, unsigned blocks, unsigned, unsigned, u
     ++launch_count;
     const bool of_torch = kernel.of_torch;
     launched.push_back([=, run = kernel.call(arguments),
-                        // the longest arguments, which come first
                         inputs = std::vector<char>(static_cast<char *>(arguments[0]),
                                                    static_cast<char *>(arguments[0]) +
-                                                       (of_torch ? 0 : std::min(sizeof(TraceInputs), sizeof(ImageInputs))))] {
+                                                       (of_torch ? 0 : kernel.first_size))] {
         const Opened opened;
         // pointers of the process's own memory would be the GPU's fault
         for (size_t i = 0; i + 8 <= inputs.size(); i += 8)

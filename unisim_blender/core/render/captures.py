@@ -73,10 +73,15 @@ def start_capture(
     draw: int | None = None,
     reuse: FrameReuse | None = None,
 ) -> Callable[[], Frame]:
-    """Begin what a sensor of a drive measures, an image on a GPU; return what waits for its frame, and what is not begun
-    renders it then: `render_image` of a camera's capture, `render_sweep` of a LiDAR's."""
+    """Begin what a sensor of a drive measures on a GPU; return what waits for its frame, and what is not begun renders it
+    then: `render_image` of a camera's capture, `render_sweep` of a LiDAR's."""
     if capture.sensor_id not in states.drive.cameras:
-        return partial(render_sweep, renderer, states, capture, draw, reuse)
+        lidar = states.lidar(capture.sensor_id)
+        time_s = capture.time_s(lidar)
+        if reuse is not None and reuse.may_reuse(lidar, time_s):
+            return partial(render_sweep, renderer, states, capture, draw, reuse)
+        seed = None if draw is None else capture.seed(draw)
+        return renderer.start(states.state(lidar, time_s), lidar, time_s, seed=seed)
     camera = states.camera(capture.sensor_id, width)
     time_s = capture.time_s(camera)
     if reuse is not None and reuse.may_reuse(camera, time_s):

@@ -139,7 +139,7 @@ class Renderer:
         their probability with ``seed``; without a seed, beams return whose probability is 0.5 or more.
         """
         if isinstance(sensor, Lidar):
-            return self._sweep(state, sensor, time_s, seed)
+            return self._started_sweep(state, sensor, time_s, seed)()
         (tile,) = self.progressive(state, sensor, time_s, passes, region)
         return tile.frame
 
@@ -163,12 +163,21 @@ class Renderer:
         yield from self._tiles(exposure, Region.of_image(camera.model) if region is None else region, coarse, band)
 
     def start(
-        self, state: WorldState, camera: Camera, time_s: float, passes: Sequence[str] = ("rgb",)
-    ) -> Callable[[], CameraFrame]:
-        """Have a GPU begin an image; return what waits for it and returns its frame, that of `render`. A CPU begins then."""
+        self,
+        state: WorldState,
+        sensor: Camera | Lidar,
+        time_s: float,
+        passes: Sequence[str] = ("rgb",),
+        seed: Sequence[int] | None = None,
+    ) -> Callable[[], CameraFrame | LidarFrame]:
+        """Have a GPU begin a frame; return what waits for it and returns it, that of `render`. A CPU begins then."""
+        if isinstance(sensor, Lidar):
+            if not getattr(self.backend, "launches", False):
+                return partial(self.render, state, sensor, time_s, seed=seed)
+            return self._started_sweep(state, sensor, time_s, seed)
         if not getattr(self.backend, "launches", False):
-            return partial(self.render, state, camera, time_s, passes)
-        exposure, whole = self._expose(state, camera, time_s, passes), Region.of_image(camera.model)
+            return partial(self.render, state, sensor, time_s, passes)
+        exposure, whole = self._expose(state, sensor, time_s, passes), Region.of_image(sensor.model)
         exposure.launched = self._launched(exposure, *self._cells(exposure, whole))
 
         def finish() -> CameraFrame:
@@ -480,19 +489,36 @@ class Renderer:
         )
         return shaded(image, points, ground, exposure.shadowing, exposure.time_s)
 
-    def _sweep(self, state: WorldState, lidar: Lidar, time_s: float, seed: Sequence[int] | None) -> LidarFrame:
+    def _started_sweep(
+        self, state: WorldState, lidar: Lidar, time_s: float, seed: Sequence[int] | None
+    ) -> Callable[[], LidarFrame]:
+        """Begin a sweep on a GPU; return what waits for it, and what is not begun renders it then."""
         begun = time.perf_counter()
         if not lidar.model.beams:
             raise SceneError(f"LiDAR {lidar.sensor_id!r} has no beam table: the log has plain points of it")
-        rays = lidar_rays(lidar, time_s)
-        stats = RenderStats()
-        # as beams and columns: neighbours are traced together
-        shape, (depth, intensity, probability, instance) = rays.time_s.shape, self.beams(state, rays, lidar, stats)
-        measured = BeamMeasurements(
-            depth.reshape(shape), intensity.reshape(shape), probability.reshape(shape), instance.reshape(shape)
-        )
-        stats.seconds = {"trace": time.perf_counter() - begun}
-        return sweep_frame(lidar, time_s, rays, measured, self.tracer(state).active.uids, seed, stats)
+        tracer = self.tracer(state)
+        sweep = None if tracer.active.mesh_actors.seen_by(lidar).actors else getattr(tracer, "sweep", None)
+        waits: Callable[[RenderStats], Maps | None] | None = None if sweep is None else sweep(lidar, time_s)
+
+        def finish() -> LidarFrame:
+            stats = RenderStats()
+            values = None if waits is None else waits(stats)
+            if values is not None:
+                rays = Rays(values["origins"], values["directions"], values["times"])
+                depth, intensity, probability = (values[name] for name in ("depth", "intensity", "probability"))
+                instance = values["instance"]
+            else:
+                rays = lidar_rays(lidar, time_s)
+                # as beams and columns: neighbours are traced together
+                depth, intensity, probability, instance = self.beams(state, rays, lidar, stats)
+            shape = rays.time_s.shape
+            measured = BeamMeasurements(
+                depth.reshape(shape), intensity.reshape(shape), probability.reshape(shape), instance.reshape(shape)
+            )
+            stats.seconds = {"trace": time.perf_counter() - begun}
+            return sweep_frame(lidar, time_s, rays, measured, tracer.active.uids, seed, stats)
+
+        return finish
 
     def beams(
         self, state: WorldState, rays: Rays, lidar: Lidar | None = None, stats: RenderStats | None = None

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
-from ..sensors.lidar import BeamMeasurements, lidar_rays, sweep_frame
+from ..sensors.lidar import BeamMeasurements, beam_times, same_directions, sweep_frame
 from ..sensors.rays import Rays, exposure_window
 from ..world.drive import Camera, Lidar
 from ..world.replay import WorldState
@@ -40,9 +40,9 @@ class FrameReuse:
 
     _last: dict[str, _LastFrame] = field(default_factory=dict)
 
-    def may_reuse(self, camera: Camera, time_s: float) -> bool:
-        """Return whether a camera stands in an image's exposure."""
-        return standing_pose(camera.world_from_camera, *exposure_window(camera, time_s)) is not None
+    def may_reuse(self, sensor: Camera | Lidar, time_s: float) -> bool:
+        """Return whether a sensor stands in a frame's exposure."""
+        return standing_pose(sensor.trajectory, *exposure_window(sensor, time_s)) is not None
 
     def image(
         self, renderer: Renderer, state: WorldState, camera: Camera, time_s: float, passes: Sequence[str]
@@ -124,9 +124,10 @@ def _sweep(
     last: RenderedState, before: LidarFrame,
 ) -> LidarFrame | None:  # fmt: skip
     """Return a sweep of which beams are reused; None where the LiDAR does not stand, or that would save too little."""
-    rays = lidar_rays(lidar, time_s)
-    if not np.array_equal(rays.directions, before.directions) or not np.array_equal(rays.origins, before.origins):
+    if not same_directions(lidar.model_at(time_s), before.model):
         return None
+    # a GPU's rays are rounded otherwise than the host's
+    rays = Rays(before.origins, before.directions, beam_times(lidar, time_s))
     changed = changed_beams(renderer, last, rendered, lidar, rays)
     if changed is None or changed.mean() > MAX_CHANGED_SHARE:
         return None

@@ -134,7 +134,7 @@ class TraceResult(Generic[ValuesT]):
     without_foreign: ValuesT | None = None
     """``feature`` as if no foreign actor and no mesh were there; None where none is."""
     returned: tuple[ValuesT, ValuesT] | None = None
-    """Intensity and the logit of a return (N,) of beams, where they are decoded already and ``feature`` is empty."""
+    """Intensity and the probability of a return (N,) of beams, where they are decoded already and ``feature`` is empty."""
     mesh_opacity: Array | None = None
     """Opacity (N,) of meshes; None where there are none."""
 

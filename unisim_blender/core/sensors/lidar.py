@@ -23,10 +23,13 @@ def column_azimuths(model: LidarModel) -> FloatArray:
     return model.start_azimuth_rad + model.direction * 2 * np.pi * (np.arange(model.columns) + 0.5) / model.columns
 
 
-def beam_directions(model: LidarModel) -> FloatArray:
-    """Return unit directions (beams, columns, 3) in the sensor's frame."""
-    azimuth = column_azimuths(model)[None, :] + model.azimuth_offset_rad[:, None]
-    elevation = np.broadcast_to(model.elevation_rad[:, None], azimuth.shape)
+ALL = slice(None)
+
+
+def beam_directions(model: LidarModel, beams: slice = ALL, columns: slice = ALL) -> FloatArray:
+    """Return unit directions (beams, columns, 3), of all or of some, in the sensor's frame."""
+    azimuth = column_azimuths(model)[None, columns] + model.azimuth_offset_rad[beams, None]
+    elevation = np.broadcast_to(model.elevation_rad[beams, None], azimuth.shape)
     cosine = np.cos(elevation)
     return np.stack([cosine * np.cos(azimuth), cosine * np.sin(azimuth), np.sin(elevation)], -1)
 
@@ -40,18 +43,30 @@ def column_times(lidar: Lidar, time_s: float) -> FloatArray:
     return time_s + model.time_offset_s + model.sweep_s * (fraction - 1)
 
 
-def lidar_rays(lidar: Lidar, time_s: float) -> Rays:
-    """Return rays (beams, columns) of the sweep at ``time_s``, world frame."""
-    local = beam_directions(lidar.model_at(time_s))
-    time = column_times(lidar, time_s)
+def beam_times(lidar: Lidar, time_s: float, beams: slice = ALL, columns: slice = ALL) -> FloatArray:
+    """Return the times (beams, columns), of all or of some, seconds, at which the beams of the sweep at ``time_s`` leave."""
+    times, delays = column_times(lidar, time_s)[None, columns], lidar.model.beam_time_s
+    count = len(lidar.model.elevation_rad[beams])
+    return np.repeat(times, count, 0) if delays is None else times + delays[beams, None]
+
+
+def same_directions(a: LidarModel, b: LidarModel) -> bool:
+    """Return whether two beam tables have the same `beam_directions`, to the bit."""
+    tables = ((m.elevation_rad, m.azimuth_offset_rad, column_azimuths(m)) for m in (a, b))
+    return all(np.array_equal(x, y) for x, y in zip(*tables, strict=True))
+
+
+def lidar_rays(lidar: Lidar, time_s: float, beams: slice = ALL, columns: slice = ALL) -> Rays:
+    """Return rays (beams, columns), all or some, of the sweep at ``time_s``, world frame."""
+    local = beam_directions(lidar.model_at(time_s), beams, columns)
+    fired = beam_times(lidar, time_s, beams, columns)
     if lidar.model.beam_time_s is not None:
-        fired = time[None] + lidar.model.beam_time_s[:, None]
         poses = lidar.world_from_lidar.at(fired.ravel()).reshape(*fired.shape, 4, 4)
         return Rays(poses[..., :3, 3].copy(), np.einsum("bcij,bcj->bci", poses[..., :3, :3], local), fired)
-    poses = lidar.world_from_lidar.at(time)
+    poses = lidar.world_from_lidar.at(fired[0])
     directions = np.einsum("cij,bcj->bci", poses[:, :3, :3], local)
     origins = np.broadcast_to(poses[None, :, :3, 3], local.shape).copy()
-    return Rays(origins, directions, np.broadcast_to(time[None], local.shape[:2]).copy())
+    return Rays(origins, directions, fired)
 
 
 class BeamMeasurements(NamedTuple):

@@ -43,8 +43,15 @@ from unisim_blender.core.render.captures import render_capture, start_capture, s
 from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.quality import QUALITIES
 from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.render.reuse import FrameReuse
 from unisim_blender.core.render.tracers.compiled import gpu
-from unisim_blender.core.render.tracers.compiled.gpu import GpuBackend, GpuScene, ImageInputsStruct, TraceInputsStruct
+from unisim_blender.core.render.tracers.compiled.gpu import (
+    GpuBackend,
+    GpuScene,
+    ImageInputsStruct,
+    SweepInputsStruct,
+    TraceInputsStruct,
+)
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.scenes import recipe
@@ -62,7 +69,7 @@ from unisim_blender.core.sensors.frames import CAMERA_PASSES, RenderStats
 from unisim_blender.core.sensors.rays import Rays, exposure_window
 from unisim_blender.core.worker.about import about
 from unisim_blender.core.world.captures import Capture
-from unisim_blender.core.world.drive import Appearance, CameraModel, Drive, RollingShutter
+from unisim_blender.core.world.drive import Appearance, CameraModel, Drive, LidarModel, RollingShutter, SpinPhase
 
 SAMPLE = Path(__file__).parents[4] / "sample" / "scene"
 pytestmark = [needs_library, pytest.mark.skipif(shutil.which("g++") is None, reason="the driver is compiled by g++")]
@@ -343,6 +350,97 @@ def test_images_allocate_nothing_anew_and_take_the_room_and_the_memory_that_ther
     assert "unisim_fill_pixels" not in launches
 
 
+TABLES: dict[str, dict[str, Any]] = {
+    "even": {},
+    "delays": {"beam_time_s": np.linspace(0.02, -0.01, 24)},
+    "narrow": {"column_azimuth_rad": np.linspace(0.4, -0.5, 70) ** 3, "column_time_s": np.linspace(-0.1, 0.05, 70)},
+}
+
+
+def with_lidar(drive: Drive, turns: bool = True, **table: Any) -> Drive:
+    """The drive with one LiDAR of a beam table, which moves and turns."""
+    top = drive.lidars["top"]
+    model = LidarModel(np.linspace(0.3, -0.7, 24), 0.01 * np.sin(np.arange(24)), columns=70, sweep_s=0.15, **table)
+    # a little higher, see `sweep_rays`
+    position, stands = top.world_from_lidar.positions[0] + [0, 0, 0.013], top.world_from_lidar.quaternions_wxyz[0]
+    ends = np.stack([multiplied(quaternion_from_yaw(np.array([yaw]))[0], stands) for yaw in (0.0, 0.3)])
+    along = Trajectory(np.array([-1.0, 1.0]), position + np.array([[0.0, 0, 0], [1.5, 0.3, 0]]), ends)
+    if not turns:
+        along = Trajectory(np.zeros(1), position[None], stands[None])
+    phase = SpinPhase(np.array([0.0, 1.0]), np.array([0.0, 0.5])) if turns else None
+    lidar = dataclasses.replace(top, model=model, world_from_lidar=along, blocked=None, phase=phase)
+    return dataclasses.replace(drive, lidars={"top": lidar})
+
+
+SWEEP = ("depth_m", "intensity", "return_probability", "instance")
+
+
+@pytest.mark.parametrize("name", ("tiny", "dark", "sample"))
+@pytest.mark.parametrize("table", TABLES)
+def test_sweeps_beside_the_compiled_tracer(launches: list[str], tmp_path: Path, name: str, table: str) -> None:
+    drive = with_lidar(edited(), **TABLES[table])
+    fast, slow = (
+        DriveFrames(Renderer(backend), drive, draw=3).lidar("top", 2)
+        for backend in both(saved(tmp_path / "scene", CONFIGS[name]))
+    )
+    assert launches == ["unisim_begin_sweep", "unisim_trace_rays", "unisim_decode_beams"]
+    for of in ("origins", "directions", "time_s"):
+        assert np.abs(getattr(fast, of) - getattr(slow, of)).max() < 1e-12, of
+    shape = slow.depth_m.shape
+    for of, within in zip(SWEEP, (1e-2, 5e-3, 5e-3, 1e-2), strict=True):
+        assert getattr(fast, of).dtype == getattr(slow, of).dtype and getattr(fast, of).shape == shape
+        close(getattr(fast, of).reshape(-1), getattr(slow, of).reshape(-1), shape, within)
+    assert slow.depth_m.max() > 1 and 0.01 < slow.returned.mean() and (fast.returned != slow.returned).mean() < 0.01
+    assert fast.instances == slow.instances and fast.stats.rays == slow.stats.rays == slow.depth_m.size
+    # no actor is culled that a beam may hit
+    assert fast.stats.actors_skipped <= slow.stats.actors_skipped
+    assert abs(fast.stats.samples_spent - slow.stats.samples_spent) <= 1e-3 * slow.stats.samples_spent + 2
+
+
+def test_sweeps_are_started_ahead_and_take_the_room_and_the_memory_that_there_is(
+    driver: ctypes.CDLL, launches: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drive = with_lidar(edited(), **TABLES["delays"])
+    backend, _ = both(saved(tmp_path / "scene", TINY))
+    frames = DriveFrames(Renderer(backend), drive, draw=3)
+    captures = [Capture.of_frame(drive.lidars["top"], frame) for frame in (1, 2, 3)]
+    alone = [frames.sweep(each) for each in captures]
+    expected = [{of: getattr(frame, of).copy() for of in (*SWEEP, "returned", "origins")} for frame in alone]
+    del launches[:]
+    start = functools.partial(start_capture, frames.renderer, frames.captures, draw=3)
+    for number, waits in enumerate(started_ahead(start, captures)):
+        assert launches.count("unisim_begin_sweep") == min(number + 2, len(captures))
+        same_sweep(waits(), expected[number])
+    monkeypatch.setattr(gpu, "SAMPLES", 16)
+    monkeypatch.setattr(gpu, "SEGMENTS", 2)
+    del launches[:]
+    same_sweep(frames.sweep(captures[0]), expected[0])
+    assert launches.count("unisim_begin_sweep") > 1
+    # less than a sweep needs: its rays are traced a few at a time
+    backend.gpu_scenes[""].gpu.trim()
+    driver.limit_memory(driver.memory_in_use() + 500_000)
+    del launches[:]
+    monkeypatch.setattr("unisim_blender.core.render.tracers.compiled.tracer.CHUNK_RAYS", 500)
+    part = frames.sweep(captures[0])
+    assert "unisim_begin_sweep" not in launches and "unisim_trace_rays" in launches
+    assert np.abs(part.depth_m - expected[0]["depth_m"]).mean() < 1e-2
+
+
+def same_sweep(frame: Any, expected: dict[str, Any]) -> None:
+    for of, values in expected.items():
+        assert np.array_equal(getattr(frame, of), values), of
+
+
+def test_beams_of_a_lidar_that_stands_are_reused(launches: list[str], tmp_path: Path) -> None:
+    drive = with_lidar(edited(), turns=False, **TABLES["narrow"])
+    backend, _ = both(saved(tmp_path / "scene", TINY))
+    frames, reused = (DriveFrames(Renderer(backend), drive, 3, reuse) for reuse in (None, FrameReuse()))
+    reused.lidar("top", 1)
+    expected, frame = frames.lidar("top", 2), reused.lidar("top", 2)
+    assert frame.stats.rays < expected.stats.rays and launches.count("unisim_begin_sweep") == 2
+    same_sweep(frame, {of: getattr(expected, of) for of in (*SWEEP, "returned", "origins", "directions", "time_s")})
+
+
 def test_rays_without_room_and_memory_that_is_short(
     driver: ctypes.CDLL, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -398,6 +496,8 @@ def test_structures_have_the_sizes_of_the_kernels(driver: ctypes.CDLL) -> None:
     assert driver.size_of_inputs() == ctypes.sizeof(TraceInputsStruct)
     driver.size_of_image.restype = ctypes.c_size_t
     assert driver.size_of_image() == ctypes.sizeof(ImageInputsStruct)
+    driver.size_of_sweep.restype = ctypes.c_size_t
+    assert driver.size_of_sweep() == ctypes.sizeof(SweepInputsStruct)
 
 
 def test_memory_of_the_gpu_is_its_own(driver: ctypes.CDLL) -> None:

@@ -1,9 +1,9 @@
-"""Images and rays on an NVIDIA GPU, one thread a ray, by CUDA's driver alone: the compiled tracer with its scenes, rays
+"""Images, sweeps and rays on an NVIDIA GPU, one thread a ray, by CUDA's driver alone: the compiled tracer with its scenes, rays
 and results in the GPU's memory.
 
-`native/cuda/trace_ray.h` is what a thread does for a ray, `native/cuda/image.h` what it does for a pixel. An image whose
-pixels depend on their own rays alone is finished on the GPU, and so are beams; other images are decoded by the CPU's
-kernels. CPU and GPU place the same samples; sums differ by rounding.
+`native/cuda/trace_ray.h` is what a thread does for a ray, `image.h` and `sweep.h` there what it does for a pixel and a
+beam. An image whose pixels depend on their own rays alone is finished on the GPU, and so are sweeps; other images are
+decoded by the CPU's kernels. CPU and GPU place the same samples; sums differ by rounding.
 """
 
 from __future__ import annotations
@@ -24,13 +24,14 @@ from ....meshes.hits import MeshHits
 from ....native import BlockToleranceStruct, HeadStruct, LayerStruct, MlpStruct, PlaneStruct
 from ....sensors.camera import camera_rays, line_times, pixel_directions, pixel_grid
 from ....sensors.frames import RenderStats
-from ....sensors.rays import MAX_DISTANCE_M, Rays
+from ....sensors.lidar import column_azimuths, column_times, lidar_rays
+from ....sensors.rays import MAX_DISTANCE_M, Rays, exposure_window
 from ....sensors.unprojection import least_pixels_per_rad
-from ....world.drive import Camera, CameraModel, RollingShutter
+from ....world.drive import Camera, CameraModel, Lidar, RollingShutter
 from ....world.replay import WorldState
 from ...lattice import MAP_KINDS, block_tolerance
 from ...quality import QUALITIES, Quality
-from ...tracer import Array, Maps, TraceResult
+from ...tracer import Array, Maps, TraceResult, tiled
 from .scene import CompiledScene
 from .structs import (
     ActiveActorsStruct,
@@ -54,6 +55,8 @@ LAUNCHES = 64
 """Number of times that an image's pixels can be traced."""
 GRID_PX = 32
 """Distance of the pixels by whose rays actors are culled."""
+SPARSE_BEAMS, SPARSE_COLUMNS = 8, 64
+"""Numbers of a sweep's beams and columns by whose rays actors are culled."""
 MAX_LENS_TABLES = 8
 """Largest number of cameras whose lenses' directions stay on the GPU."""
 SAMPLES, SEGMENTS = 192, 24
@@ -109,6 +112,17 @@ class ImageInputsStruct(ctypes.Structure):
     ]
 
 
+class SweepInputsStruct(ctypes.Structure):
+    """`SweepInputs` in native/cuda/sweep.h."""
+
+    _fields_ = [
+        *((name, ctypes.c_int32) for name in ("beams", "columns", "keys")),
+        *((name, ctypes.c_void_p) for name in ("elevation", "azimuth_offset", "delay", "azimuth", "time")),
+        *((name, ctypes.c_void_p) for name in ("key_times", "positions", "quaternions")),
+        *((name, ctypes.c_void_p) for name in ("origins", "directions", "times")),
+    ]
+
+
 class Uploaded:
     """Structures of the kernels copied to a GPU with the arrays that they point to."""
 
@@ -143,6 +157,7 @@ class GpuScene:
         self._structs: dict[bool, tuple[SceneStruct, int]] = {}
         self._networks: dict[int, tuple[HeadStruct, int, int]] = {}
         self._lenses: dict[CameraModel, tuple[GpuMemory, int]] = {}
+        self._orders: dict[tuple[int, int], int] = {}
         self.room = 1
         """How many times the usual room a thread needs for a ray."""
 
@@ -210,6 +225,12 @@ class GpuScene:
                 del self._lenses[next(iter(self._lenses))]
         return self._lenses[key][1]
 
+    def order(self, shape: tuple[int, int]) -> int:
+        """Return the address of the order in which a sweep's rays (beams, columns) are traced."""
+        if shape not in self._orders:
+            self._orders[shape] = self.memory.upload(tiled(shape))
+        return self._orders[shape]
+
     def _moved_head(self, head: HeadStruct, uploaded: Uploaded) -> HeadStruct:
         of = (LayerStruct * head.count).from_address(head.layers)
         return HeadStruct(head.features, head.extra_inputs, head.count, self._layers(of, uploaded))
@@ -226,7 +247,7 @@ class GpuBackend(CompiledBackend):
     """Trained scenes on a GPU: a `tracer.Backend`."""
 
     launches = True
-    """Whether an image can be begun before the one before it is waited for (`GpuTracer.lattice_image`)."""
+    """Whether a frame can be begun before the one before it is waited for (`GpuTracer.lattice_image`, `sweep`)."""
 
     def __init__(
         self,
@@ -307,11 +328,9 @@ class GpuTracer(CompiledTracer):
             )
             launch(memory, inputs, n)
             if head is not None and traced.returned is not None:
-                pairs, decoded = np.empty((n, 2), np.float32), memory.allocate(8 * n)
-                self._gpu.launch("unisim_decode_beams", n, (inputs, head, ctypes.c_int32(n), ctypes.c_void_p(decoded)))
-                memory.download(decoded, pairs)
-                for array, part in zip(traced.returned, pairs.T, strict=True):
-                    array[order] = part
+                at["returned"] = [memory.allocate(4 * n) for _ in traced.returned]
+                outputs["returned"] = list(traced.returned)
+                decode_beams(self._gpu, inputs, head, n, *at["returned"])
             for name, arrays in outputs.items():
                 for place, array in zip(at[name] if arrays else (), arrays, strict=True):
                     part = np.empty((n, *array.shape[1:]), array.dtype)
@@ -341,24 +360,33 @@ class GpuTracer(CompiledTracer):
         """
         if self.space is not None or self._foreign or not self._scenes[0].decodes:
             return None
-        self._gpu.enter()
+        return self._begun(lambda: LatticeImage(self, camera, time_s, cells, size, spread, passes))
 
-        def launched() -> LatticeImage:
-            return LatticeImage(self, camera, time_s, cells, size, spread, passes)
+    def sweep(self, lidar: Lidar, time_s: float) -> Callable[[RenderStats], Maps | None] | None:
+        """Launch the sweep at ``time_s``; None where the GPU cannot finish it. The function that is returned waits: the
+        rays' "origins", "directions" and "times", and "depth", 0 where a beam hits nothing, "instance", "intensity" and
+        "probability" of a return, (beams, columns, ...), or None where memory did not suffice."""
+        if self.space is not None or self._foreign or self._scenes[0].lidar_head is None:
+            return None
+        return self._begun(lambda: Sweep(self, lidar, time_s))
+
+    def _begun(self, launched: Callable[[], Launched]) -> Callable[[RenderStats], Maps | None] | None:
+        """Return what waits for launches, and repeats them where a thread's room did not suffice."""
+        self._gpu.enter()
 
         def finish(stats: RenderStats) -> Maps | None:
             self._gpu.enter()
             with suppress(GpuMemoryError):
-                image = images.pop()
-                while (maps := image.result(stats)) is None:
-                    self._scenes[0].room = max(self._scenes[0].room, 2 * image.room)
-                    image = launched()
+                frame = frames.pop()
+                while (maps := frame.result(stats)) is None:
+                    self._scenes[0].room = max(self._scenes[0].room, 2 * frame.room)
+                    frame = launched()
                 return maps
             return None
 
         with suppress(GpuMemoryError):
-            images = [launched()]
-            return finish if images[0].sound else None
+            frames = [launched()]
+            return finish if frames[0].sound else None
         return None
 
     def _active(self, memory: GpuMemory, rays: Rays, slack_rad: float = 0.0) -> tuple[ActiveActorsStruct, int]:
@@ -413,9 +441,122 @@ PASSES: dict[str, tuple[str, int, type[Any]]] = {
 """Passes of an image: names in `TraceResultStruct`, numbers a pixel, and their type."""
 
 
-class LatticeImage:
-    """One image in a GPU's memory, traced from a lattice: everything is launched at once, and only the finished passes are
-    copied, beside the launches of the next image."""
+class Launched:
+    """One frame in a GPU's memory: everything is launched at once, and only what is finished is copied, beside the launches
+    of the next frame. It is launched only where its rays are ``sound``."""
+
+    sound: bool
+    _grid: Rays
+    """Some of the frame's rays, by which actors are culled."""
+    _skipped: int
+    _inputs: TraceInputsStruct
+
+    def __init__(self, tracer: GpuTracer) -> None:
+        self._gpu, self._tracer = tracer._gpu, tracer
+        self._memory, self._results = (GpuMemory(self._gpu, reuse=True) for _ in range(2))
+        self._copied: ctypes.c_void_p | None = None
+        self.room = tracer._scenes[0].room
+
+    def _begin(self, rays: int, launches: int) -> None:
+        """Allocate what counts samples and the rays of each launch, and a thread's room."""
+        self._numbers = self._results.allocate(8 * (1 + launches), clear=True)
+        self._refused = self._results.allocate(8 * (rays + 1), clear=True)
+        threads = min(THREADS, -(-rays // BLOCK) * BLOCK)
+        self._room = launch_memory(self._memory, threads, SAMPLES * self.room, SEGMENTS * self.room)
+        self._counts = 1 + launches
+
+    def _copy(self, maps: Maps, at: Mapping[str, int]) -> None:
+        """Have the finished maps copied into these arrays from their addresses."""
+        self._maps = maps
+        self._found = {
+            at: self._gpu.pinned((n,), np.int64) for at, n in ((self._refused, 1), (self._numbers, self._counts))
+        }
+        self._copied = self._gpu.copy([*((at[name], values) for name, values in maps.items()), *self._found.items()])
+        self._memory.release()
+
+    def __del__(self) -> None:
+        with suppress(UnisimError):
+            if self._copied is not None:
+                self._gpu.wait(self._copied)
+
+    def _launch(self, name: str, threads: int, *arguments: Any) -> None:
+        self._gpu.launch(f"unisim_{name}", min(max(threads, 1), PIXEL_THREADS), arguments)
+
+    def _trace_rays(self, count: ctypes.c_void_p) -> None:
+        refused = ctypes.c_void_p(self._refused)
+        self._gpu.launch("unisim_trace_rays", self._room.threads, (self._inputs, self._room, count, refused))
+
+    def result(self, stats: RenderStats) -> Maps | None:
+        """Wait, and return the finished maps; None where a thread's room did not suffice."""
+        assert self._copied is not None
+        self._gpu.wait(self._copied)
+        self._copied = None
+        self._memory.free()
+        self._results.free()
+        refused, (spent, *counts) = (values.tolist() for values in self._found.values())
+        if refused[0]:
+            return None
+        traced = sum(counts) if counts else self._inputs.rays.n
+        stats.rays += traced
+        stats.actors_skipped += self._skipped
+        stats.samples_spent += spent
+        uniform = self._tracer._uniform(self._grid) * traced // len(self._grid.time_s)
+        stats.samples_saved += max(0, uniform - spent)
+        return self._maps
+
+
+class Sweep(Launched):
+    """A LiDAR's sweep."""
+
+    def __init__(self, tracer: GpuTracer, lidar: Lidar, time_s: float) -> None:
+        super().__init__(tracer)
+        memory, results, scene = self._memory, self._results, tracer._scenes[0]
+        head, model, window = scene.lidar_head, lidar.model_at(time_s), exposure_window(lidar, time_s)
+        assert head is not None
+        keys = lidar.world_from_lidar.between(*window)
+        delays = np.zeros(model.beams) if model.beam_time_s is None else model.beam_time_s
+        table = [
+            model.elevation_rad, model.azimuth_offset_rad, delays, column_azimuths(model), column_times(lidar, time_s),
+            keys.times_s, keys.positions, keys.quaternions_wxyz,
+        ]  # fmt: skip
+        self.sound = all(np.isfinite(values).all() for values in table)
+        if not self.sound:
+            return
+        self._grid, slack_rad = _sparse_beams(lidar, time_s)
+        self.sound = bool(np.abs(self._grid.origins).max() < MAX_DISTANCE_M)
+        if not self.sound:
+            return
+        active, self._skipped = tracer._active(memory, self._grid, slack_rad)
+        shape = model.beams, model.columns
+        n = shape[0] * shape[1]
+        kinds: dict[str, tuple[tuple[int, ...], type[Any]]] = {
+            **{name: ((*shape, 3), np.float64) for name in ("origins", "directions")}, "times": (shape, np.float64),
+            **{name: (shape, np.float32) for name in ("depth", "intensity", "probability")}, "instance": (shape, np.int32),
+        }  # fmt: skip
+        maps = {name: self._gpu.pinned(*kind) for name, kind in kinds.items()}
+        at = {name: results.allocate(values.nbytes) for name, values in maps.items()}
+        rays = [at[name] for name in ("origins", "directions", "times")]
+        beams = SweepInputsStruct(*shape, len(keys.times_s), *(memory.upload(doubles(x)) for x in table), *rays)
+        self._begin(n, 0)
+        self._inputs = TraceInputsStruct(
+            scene.struct(tracer.clipped)[0],
+            active,
+            RaysStruct(n, *rays, scene.order(shape)),
+            MeshHitsStruct(),
+            tracer._sampling(False),
+            TraceResultStruct(
+                memory.allocate(4 * n * head.features), memory.allocate(4 * n), memory.allocate(4 * n), at["depth"],
+                at["instance"], samples=self._numbers,
+            ),
+        )  # fmt: skip
+        self._launch("begin_sweep", n, beams)
+        self._trace_rays(ctypes.c_void_p())
+        decode_beams(self._gpu, self._inputs, head, n, at["intensity"], at["probability"], at["depth"])
+        self._copy(maps, at)
+
+
+class LatticeImage(Launched):
+    """An image that is traced from a lattice."""
 
     def __init__(
         self,
@@ -427,13 +568,8 @@ class LatticeImage:
         spread: float,
         passes: set[str],
     ) -> None:
-        self._gpu, self._tracer, self._passes = tracer._gpu, tracer, passes
-        memory, results = self._memory, self._results = (
-            GpuMemory(self._gpu, reuse=True),
-            GpuMemory(self._gpu, reuse=True),
-        )
-        self._copied: ctypes.c_void_p | None = None
-        self.room = tracer._scenes[0].room
+        super().__init__(tracer)
+        memory, results = self._memory, self._results
         (rows, columns), model, scene = cells, camera.model, tracer._scenes[0]
         self._up = up = tracer.upsample
         self._shape = shape = rows.stop - rows.start, columns.stop - columns.start
@@ -458,8 +594,7 @@ class LatticeImage:
             self._at[name] = results.allocate(n * width * np.dtype(kind).itemsize)
         if "depth" in passes:
             self._at["along"] = results.allocate(4 * n)
-        # evaluated samples, and pixels of each launch
-        self._numbers = results.allocate(8 * (1 + LAUNCHES), clear=True)
+        self._begin(n, LAUNCHES)
         head, convolutions, count = scene.network(camera.sensor_id)
         planes = [PlaneStruct(self._at["rgb"], 3, 4, MAP_KINDS["rgb"])]
         for name in sorted(passes):
@@ -489,23 +624,9 @@ class LatticeImage:
                 **of_rays,
             ),
         )
-        self._refused = results.allocate(8 * (n + 1), clear=True)
-        threads = min(THREADS, -(-n // BLOCK) * BLOCK)
-        self._room = launch_memory(memory, threads, SAMPLES * self.room, SEGMENTS * self.room)
         self._traces = 0
         self._launch_all()
-        self._maps = {name: self._pinned(name) for name in self._at if name in ("rgb", "along", *passes)}
-        self._found = {
-            at: self._gpu.pinned((n,), np.int64) for at, n in ((self._refused, 1), (self._numbers, 1 + LAUNCHES))
-        }
-        copies = [*((self._at[name], values) for name, values in self._maps.items()), *self._found.items()]
-        self._copied = self._gpu.copy(copies)
-        memory.release()
-
-    def __del__(self) -> None:
-        with suppress(UnisimError):
-            if self._copied is not None:
-                self._gpu.wait(self._copied)
+        self._copy({name: self._pinned(name) for name in self._at if name in ("rgb", "along", *passes)}, self._at)
 
     def _pinned(self, name: str) -> NDArray[Any]:
         _, width, kind = PASSES.get(name, ("", 3 * self._up**2 if name == "rgb" else 1, np.float32))
@@ -532,36 +653,35 @@ class LatticeImage:
             self._launch(
                 "collect_pixels", self._pixels // stride**2 // 64 + 1, self._image, ctypes.c_int32(stride), count
             )
-        room, refused = self._room, ctypes.c_void_p(self._refused)
-        self._gpu.launch("unisim_trace_rays", room.threads, (self._inputs, room, count, refused))
+        self._trace_rays(count)
         self._launch("finish_pixels", self._pixels, self._inputs, self._image, count)
-
-    def _launch(self, name: str, threads: int, *arguments: Any) -> None:
-        self._gpu.launch(f"unisim_{name}", min(max(threads, 1), PIXEL_THREADS), arguments)
-
-    def result(self, stats: RenderStats) -> Maps | None:
-        """Wait, and return the finished passes; None where a thread's room did not suffice."""
-        assert self._copied is not None
-        self._gpu.wait(self._copied)
-        self._copied = None
-        self._memory.free()
-        self._results.free()
-        refused, (spent, *counts) = (values.tolist() for values in self._found.values())
-        if refused[0]:
-            return None
-        traced = sum(counts)
-        stats.rays += traced
-        stats.actors_skipped += self._skipped
-        stats.samples_spent += spent
-        uniform = self._tracer._uniform(self._grid) * traced // len(self._grid.time_s)
-        stats.samples_saved += max(0, uniform - spent)
-        return self._maps
 
 
 def _sparse_rays(camera: Camera, time_s: float, rows: slice, columns: slice, up: int) -> Rays:
     """Return the rays (N,) of cells of ``up`` x ``up`` pixels `GRID_PX` apart, those at the edges included."""
     v, u = (np.append(np.arange(of.start, of.stop - 1, GRID_PX), of.stop - 1) * up + up / 2 for of in (rows, columns))
     return camera_rays(camera, time_s, *np.meshgrid(u, v)).flat()
+
+
+def _sparse_beams(lidar: Lidar, time_s: float) -> tuple[Rays, float]:
+    """Return rays (N,) of some beams and columns of a sweep, at the first and the last time of all, and the largest angle of a
+    beam from one of them, radians."""
+    model, window = lidar.model_at(time_s), exposure_window(lidar, time_s)
+    beams, columns = (
+        slice(0, None, -(-n // m)) for n, m in ((model.beams, SPARSE_BEAMS), (model.columns, SPARSE_COLUMNS))
+    )
+    rays = lidar_rays(lidar, time_s, beams, columns).flat()
+    times = np.resize(window, len(rays.time_s))
+    apart = (
+        (model.elevation_rad, beams.step),
+        (model.azimuth_offset_rad, beams.step),
+        (np.unwrap(column_azimuths(model)), columns.step),
+    )
+    slack_rad = sum(float(np.abs(x - x[np.arange(len(x)) // step * step]).max()) for x, step in apart)
+    # and the sensor turns: the norm is larger than the angle
+    rotations = lidar.world_from_lidar.at(np.linspace(*window, 9))[:, :3, :3]
+    slack_rad += float(np.linalg.norm(np.diff(rotations, axis=0), axis=(1, 2)).sum())
+    return Rays(rays.origins, rays.directions, times), slack_rad
 
 
 RESULTS = {"median": "depth", "instance": "instance", "normal": "normal"}
@@ -577,6 +697,21 @@ def launch_memory(memory: GpuMemory, threads: int, samples: int, segments: int) 
         samples,
         segments,
     )
+
+
+def decode_beams(
+    gpu: Gpu,
+    inputs: TraceInputsStruct,
+    head: HeadStruct,
+    n: int,
+    intensity: int,
+    probability: int,
+    depth: int | None = None,
+) -> None:
+    """Have the returns of n traced beams written to these addresses, and to ``depth`` their depths, 0 where they hit
+    nothing."""
+    places = map(ctypes.c_void_p, (intensity, probability, depth))
+    gpu.launch("unisim_decode_beams", n, (inputs, head, ctypes.c_int32(n), *places))
 
 
 def launch(memory: GpuMemory, inputs: TraceInputsStruct, n: int) -> None:

@@ -325,9 +325,9 @@ class CompiledTracer:
 
     def returns(self, traced: TraceResult[Array], directions: FloatArray) -> tuple[Array, Array]:
         directions = sound_directions(directions)
-        intensity, logit = traced.returned or self.scene.decoder.returns(
-            traced.feature, directions, traced.depth_m, traced.opacity
-        )
+        if traced.returned is not None:
+            return traced.returned
+        intensity, logit = self.scene.decoder.returns(traced.feature, directions, traced.depth_m, traced.opacity)
         for i, foreign in enumerate(self._foreign):
             covered = traced.foreign_opacity[i].clip(0, 1)
             own = traced.foreign_features[i] / covered.clip(1e-3)[:, None]
