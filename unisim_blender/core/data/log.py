@@ -42,6 +42,17 @@ class Sweep:
 
 
 @dataclass(frozen=True)
+class PlaneSweep:
+    """Points (N, 3) of a sweep and their planes' unit normals (N, 3), in the sensor's frame at each point's own time
+    ``time_s`` (N,); ``middle_s`` is the time of the sweep as a whole."""
+
+    points: FloatArray
+    normals: FloatArray
+    time_s: FloatArray
+    middle_s: float
+
+
+@dataclass(frozen=True)
 class Drops:
     """Rays of one sweep that did not return, M of them, world frame, as the log gives them.
 
@@ -165,6 +176,10 @@ class LogExtras:
     road: Mapping[int, bool] = field(default_factory=dict)
     """Whether semantic classes of sweeps, by their numbers, are road or something else that stands; other classes, as
     vehicles', do not tell what is below them. Empty where sweeps have no classes."""
+    recorded: Path | None = None
+    """The log that a file of boxes, ``path``, gives actors to; None where ``path`` is the log itself."""
+    boxes_at: Callable[[Path], str] | None = None
+    """Function from another path to the text of the same file of boxes there; None for a log without such a file."""
 
 
 def extras_of(log: Log) -> LogExtras:

@@ -1,0 +1,1 @@
+"""What a log lacks: actors found in its sweeps, and files of boxes."""
