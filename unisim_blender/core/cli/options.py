@@ -50,6 +50,27 @@ def posed(log: Log, poses: Choice, quiet: bool) -> Log:
     return chosen.log
 
 
+BOXES_HELP = "A file of boxes in place of the log's own."
+
+
+def boxes_option(argument: str) -> Callable[[FC], Callable[..., None]]:
+    """Return a decorator that gives a command the option ``--boxes``: its ``argument``, a log, is then opened with the
+    boxes of that file."""
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., None]:
+        @functools.wraps(function)
+        def command(boxes: Path | None, **given: Any) -> None:
+            if boxes is not None:
+                from ..formats.boxes import with_boxes
+
+                given[argument] = with_boxes(given[argument], boxes)
+            function(**given)
+
+        return click.option("--boxes", type=PATH, help=BOXES_HELP)(command)
+
+    return decorate
+
+
 def poses_option(default: Choice) -> Callable[[FC], FC]:
     """Return the option that chooses the ego's trajectory: the argument of `posed`."""
     return click.option(
@@ -84,6 +105,7 @@ def render_options(
         "quality": click.option("--quality", type=QUALITY, help=f"Samples per ray. [default: {owner}, or balanced]"),
         "renderer": click.option("--renderer", help=renderer, **kind),
         "scene": click.option("--scene", type=SourceParam(), help=f"A trained scene, in place of {scene or owner}."),
+        "boxes": click.option("--boxes", type=PATH, help=f"{BOXES_HELP} Not with a trained scene, which has its own."),
         "device": click.option(
             "--device", default="cpu", show_default=True, help="cpu, cuda, cuda:1, mps, or auto for the best there is."
         ),

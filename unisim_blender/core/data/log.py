@@ -165,6 +165,10 @@ class LogExtras:
     road: Mapping[int, bool] = field(default_factory=dict)
     """Whether semantic classes of sweeps, by their numbers, are road or something else that stands; other classes, as
     vehicles', do not tell what is below them. Empty where sweeps have no classes."""
+    recorded: Path | None = None
+    """The log that a file of boxes, ``path``, gives actors to; None where ``path`` is the log itself."""
+    boxes_at: Callable[[Path], str] | None = None
+    """Function from another path to the text of the same file of boxes there; None for a log without such a file."""
 
 
 def extras_of(log: Log) -> LogExtras:

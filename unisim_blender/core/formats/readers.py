@@ -25,6 +25,7 @@ from ..memo import memoized
 from ..registry import Registry
 from ..remote.copies import FolderPart
 from .argoverse2 import Argoverse2Reader
+from .boxed import BoxFileReader
 from .kitti import KittiReader
 from .ncore import NcoreReader
 from .nuscenes import NuscenesReader
@@ -67,7 +68,14 @@ SEARCH_DEPTH, SEARCHED_FOLDERS, LISTED_ENTRIES = 2, 500, 20_000
 """Bounds on the search for drives in a folder that is none: levels below it, folders looked at, entries listed of one."""
 NAMED_DRIVES = 3
 """Largest number of drives that a message names."""
+
+
+def _open_recorded(path: Path) -> Log:
+    return open_log(path)
+
+
 OWN: tuple[Reader, ...] = (
+    BoxFileReader(_open_recorded),
     Argoverse2Reader(),
     KittiReader(),
     NcoreReader(),

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from ..data.log import Log
 from ..errors import LogError, ScenarioError, SceneError, UnisimError
+from ..formats.boxes import with_boxes
 from ..formats.readers import DRIVE, drive_in, open_log, reader_of
 from ..json_file import read_json
 from ..memo import memoized
@@ -41,13 +42,15 @@ def prepare_scenario(
     refined: bool = True,
     scene: Path | str | None = None,
     scenes: OpenScenes | None = None,
+    boxes: Path | None = None,
 ) -> PreparedScenario:
     """Open a scenario or the one at a path or a URL, its log and its scene's header, and apply the edits. A log is a
     scenario without any, and so is a trained scene.
 
     With a trained scene the recorded drive has the scene's refined tracklets and sensor poses, and the log need not be
     there; ``refined=False`` takes the log's own, as the truth of a street needs it. ``scene`` takes the place of the
-    trained scene that the scenario names; ``scenes`` are those that were opened before. Raises `UnisimError`.
+    trained scene that the scenario names, the file ``boxes`` that of the log's boxes; ``scenes`` are those that were
+    opened before. Raises `UnisimError`.
     """
     scenes = OpenScenes() if scenes is None else scenes
     scenario = source if isinstance(source, Scenario) else scenario_at(source, scenes)
@@ -56,6 +59,12 @@ def prepare_scenario(
     own = None
     if scenario.scene_path is not None:
         own = scenes.open(scenario.scene_path) if refined else Scene(scenario.scene_path)
+    if boxes is not None:
+        if own is not None and refined:
+            raise ScenarioError(
+                f"--boxes {boxes}: {own.path} shows the actors that it was trained on; train it on these"
+            )
+        scenario = replace(scenario, log=str(with_boxes(scenario.log_path, boxes).resolve()))
     recorded, log_path = _recorded(scenario, own if refined else None)
     edited = apply_scenario(scenario, recorded, scenes.actors)
     return PreparedScenario(scenario, recorded, edited, own, log_path, scenes)

@@ -41,6 +41,7 @@ class RenderOptions:
     renderer: str | None = None
     sources: str | None = None
     scene: Path | str | None = None
+    boxes: Path | None = None
 
 
 def plan_scenario(
@@ -50,7 +51,7 @@ def plan_scenario(
     trained scene, and by surfels where it names none. ``source`` is its path or URL, or the
     scenario; ``scenes`` are those that were opened before. Raises `UnisimError`."""
     refined = options.renderer is None or renderers_with(options.renderer)[options.renderer].trained
-    prepared = prepare_scenario(source, refined, options.scene, scenes)
+    prepared = prepare_scenario(source, refined, options.scene, scenes, options.boxes)
     method = _method(source.path if isinstance(source, Scenario) else source, prepared, options)
     prepared, times = _at_times(prepared, options)
     drive, settings = prepared.edited, _settings(prepared, options, method)

@@ -1,1 +1,1 @@
-"""Tracks of actors found in a drive's sweeps: a file for each stage, `find.py` runs them all."""
+"""What a log lacks: actors found in its sweeps, and files of boxes."""

@@ -20,7 +20,7 @@ from .register import PlanarPath, register, returns_of, rotated, smoothed
 from .scans import read_scan, scans_of
 from .shape import VEHICLES, shape_of, supported
 from .standing import StandingBox, StandingMap, standing_box
-from .track import Track
+from .box_file import Track
 
 DEBUG = {}
 MOVED_M = 1.5

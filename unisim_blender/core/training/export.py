@@ -6,6 +6,7 @@ through.
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import os
 from collections.abc import Iterable, Iterator, Sequence
@@ -19,9 +20,11 @@ from torch import Tensor
 
 from ..data.exposures import Exposures
 from ..data.images import resize_image
-from ..data.log import extras_of
+from ..data.log import Log, extras_of
 from ..data.own_vehicle import outlines_from_json, outlines_to_json, shows_scene
+from ..errors import OutputError, SceneError
 from ..geometry import FloatArray, Trajectory, invert_pose, transform_points
+from ..json_file import write_text
 from ..model.checkpoint import TorchScene, save_scene
 from ..model.scene import SceneModel
 from ..model.scene_file import SceneHeader
@@ -41,6 +44,25 @@ from ..world.drive import Drive
 from ..world.own_rates import captures_of
 from ..world.replay import DriveStates
 from .trainer import Trainer
+
+BOXES_NAME = "boxes.json"
+"""Name of the file of boxes that a scene was trained on, in its folder."""
+
+
+def with_own_boxes(log: Log, out: Path) -> Log:
+    """Return a log whose boxes are those of a file in the folder ``out``, which is written: a scene's actors stay those
+    that it was trained on. A log without a file of boxes is returned as it is. Raises `SceneError` where the folder
+    holds other boxes, and `OutputError`."""
+    text_at, file = extras_of(log).boxes_at, out / BOXES_NAME
+    if text_at is None or file.resolve() == log.path.resolve():
+        return log
+    text = text_at(file)
+    if file.exists() and file.read_text(encoding="utf-8") != text:
+        raise SceneError(f"{file}: has other boxes than {log.path}: give another folder")
+    write_text(file, text, OutputError)
+    moved = copy.copy(log)
+    moved.path = file
+    return moved
 
 
 def observe(scene: TorchScene, cameras: Sequence[str], frames: Sequence[int], points: Iterable[FloatArray]) -> Tensor:

@@ -18,7 +18,7 @@ from ..model.scene_file import SceneHeader
 from ..progress import Bar
 from .checkpoint import CHECKPOINT, load_checkpoint, save_checkpoint
 from .config import TrainConfig
-from .export import preview, write_scene
+from .export import preview, with_own_boxes, write_scene
 from .on_device import make_trainer
 from .poses import disturbed, with_drive
 from .trainer import Trainer
@@ -45,6 +45,7 @@ def train(log: Log, config: TrainConfig, out: Path, resume: bool = False, quiet:
         log = with_drive(log, disturbed(log.drive, *config.disturb, config.seed))
     trainer = make_trainer(log, config)
     out.mkdir(parents=True, exist_ok=True)
+    trainer.log = with_own_boxes(trainer.log, out)
     if resume:
         load_checkpoint(file, trainer)
     with _stoppable() as stopped:

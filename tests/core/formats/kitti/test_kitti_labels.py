@@ -12,7 +12,6 @@ import pytest
 
 from unisim_blender.core.convert import convert, open_source
 from unisim_blender.core.errors import LogError, OutputError
-from unisim_blender.core.formats.common.box_tracks import hidden_shares
 from unisim_blender.core.formats.kitti.write.labels import UNKNOWN, hidden_level, seen_in
 from unisim_blender.core.formats.pandaset.sensors import PANDAR64
 from unisim_blender.core.formats.pandaset.write import PandasetWriter
@@ -20,6 +19,7 @@ from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.formats.writers import writer_named
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.sensors.frames import CameraFrame
+from unisim_blender.core.world.box_tracks import hidden_shares
 from unisim_blender.core.world.drive import CameraModel, Drive, LidarModel
 from unisim_street.street import build_street
 from unisim_street.truth import truth_camera, truth_lidar

@@ -23,7 +23,6 @@ from unisim_blender.core.data.splits import PANDASET, SPLITS
 from unisim_blender.core.data.sweep_cells import find_cells, make_grid
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.formats import readers
-from unisim_blender.core.formats.common.box_tracks import passing_times
 from unisim_blender.core.formats.common.file_log import ranges
 from unisim_blender.core.formats.pandaset.safe_pickle import read_table
 from unisim_blender.core.formats.pandaset.sensors import pandar64
@@ -32,6 +31,7 @@ from unisim_blender.core.formats.readers import SEARCHED_FOLDERS, drives_in, ope
 from unisim_blender.core.geometry import Trajectory, quaternion_from_yaw
 from unisim_blender.core.prepare.scenario import scenario_at
 from unisim_blender.core.sensors.lidar import beam_directions, column_times
+from unisim_blender.core.world.box_tracks import passing_times
 from unisim_blender.core.world.drive import Lidar, RollingShutter
 
 CUBOIDS, SWEEP, CAMERA = "annotations/cuboids/01.pkl.gz", "lidar/01.pkl.gz", "camera/front_camera"

@@ -95,7 +95,7 @@ def shard_of(context: click.Context, option: click.Parameter, value: str | None)
 @click.option("--seed", type=click.IntRange(min=0), help="Of rollouts that name none.")
 @click.option("--frames", metavar="START:STOP:STEP", help="Frames by number. [default: the scenarios']")
 @click.option("--passes", metavar="A,B", help="As of `unisim render`.")
-@render_options("the scenarios'", list(RENDERERS.with_plugins()))
+@render_options("the scenarios'", list(RENDERERS.with_plugins()), without=("boxes",))
 @click.option(
     "--format",
     "formats",

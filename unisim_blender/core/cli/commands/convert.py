@@ -9,7 +9,7 @@ import click
 from ...data.moved import Choice
 from ...errors import UnisimError
 from ...progress import Bar
-from ..options import PATH, out_option, posed, poses_option
+from ..options import PATH, boxes_option, out_option, posed, poses_option
 
 
 def _writers_help() -> str:
@@ -24,6 +24,7 @@ def _writers_help() -> str:
 
 @click.command("convert")
 @click.argument("source", metavar="SOURCE", type=PATH)
+@boxes_option("source")
 @click.option("--to", "layout", metavar="LAYOUT", help=f"{_writers_help()}.")
 @click.option(
     "--from",

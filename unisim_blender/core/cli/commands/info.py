@@ -16,7 +16,7 @@ from ...errors import LogError, UnisimError, short
 from ...json_file import read_json
 from ...world.classes import motion_of
 from ...world.drive import Camera, Drive, Lidar
-from ..options import PATH
+from ..options import PATH, boxes_option
 
 if TYPE_CHECKING:
     from ...model.scene_file import SceneHeader
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("path", type=PATH)
+@boxes_option("path")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(path: Path, as_json: bool) -> None:
     """Tell what PATH holds: a log, a trained scene (a folder), or a scenario (a JSON file)."""

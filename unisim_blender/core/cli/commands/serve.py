@@ -26,7 +26,7 @@ from ..options import PATH, render_options
     type=click.FloatRange(0.1, 3600.0),
     help="Seconds that a call takes at most.",
 )
-@render_options("the scenarios'", without=("width", "scene"))
+@render_options("the scenarios'", without=("width", "scene", "boxes"))
 def command(
     scenes: tuple[Path, ...],
     host: str,

@@ -11,11 +11,12 @@ from ...data.moved import Choice
 from ...errors import UnisimError
 from ...presets import PRESETS, SignedDistance
 from ...training.config import ABLATIONS, GPU_RAYS, RAYS
-from ..options import PATH, posed, poses_option
+from ..options import PATH, boxes_option, posed, poses_option
 
 
 @click.command()
 @click.argument("log", type=PATH)
+@boxes_option("log")
 @click.option("--out", type=PATH, required=True, help="Folder of the trained scene.")
 @click.option(
     "--preset",

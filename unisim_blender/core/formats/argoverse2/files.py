@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from ...data.image_files import MAX_SIDE, Notes, files_by_stem
 from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, make_pose
+from ...world.box_tracks import TrackedBoxes, actors_of_boxes, passing_times
 from ...world.drive import Actor, CameraModel, Lidar
 from ..common.arrow import ArrowColumns, Kind, read_feather, stacked, unit_quaternions
-from ..common.box_tracks import TrackedBoxes, actors_of_boxes, passing_times
 
 
 def read_boxes(path: Path) -> ArrowColumns:

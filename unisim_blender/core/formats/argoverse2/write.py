@@ -19,9 +19,9 @@ from ...files import write_file
 from ...geometry import FloatArray, invert_pose, points_in_box, quaternion_from_matrix, transform_points
 from ...json_file import json_bytes
 from ...sensors.lidar import column_times
+from ...world.box_tracks import box_poses
 from ...world.drive import Lidar
 from ..common.arrow import feather_bytes
-from ..common.box_tracks import box_poses
 from ..common.rigs import LayoutCamera, RigLayout, RigRecording, image_part, nearest_rings
 from ..common.writer import SCRATCH, Tick, WritePlan, WriterPart
 from .files import QUATERNION, TRANSLATION

@@ -15,9 +15,9 @@ from ...data.values import Intensities, spread
 from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, TrajectoryError, invert_pose, make_pose
 from ...sensors.lidar import column_azimuths
+from ...world.box_tracks import TrackedBoxes, actors_of_boxes
 from ...world.classes import KITTI
 from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
-from ..common.box_tracks import TrackedBoxes, actors_of_boxes
 from ..common.file_log import FileLog, absent_frames
 from ..common.sensor_file import read_setup
 from . import VELODYNE, beside_tracking, tracking_sequence

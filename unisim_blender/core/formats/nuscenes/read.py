@@ -19,10 +19,10 @@ from ...data.values import Intensities, spread
 from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, TrajectoryError
 from ...sensors import lidar as stated
+from ...world.box_tracks import TrackedBoxes, actors_of_boxes, passing_times
 from ...world.classes import NUSCENES
 from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
 from ...world.own_rates import number_captures
-from ..common.box_tracks import TrackedBoxes, actors_of_boxes, passing_times
 from ..common.file_log import FileLog
 from ..common.sensor_file import LidarSetup, LogSetup, read_setup, setup_path
 from .columns import (

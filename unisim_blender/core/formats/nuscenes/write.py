@@ -18,9 +18,9 @@ from ...files import write_file
 from ...geometry import FloatArray, invert_pose
 from ...json_file import json_bytes
 from ...sensors.lidar import beam_directions, column_times
+from ...world.box_tracks import box_poses, hidden_shares
 from ...world.captures import US_PER_SECOND, microseconds
 from ...world.drive import Actor, CameraModel, Lidar, LidarModel
-from ..common.box_tracks import box_poses, hidden_shares
 from ..common.rigs import LayoutCamera, RigLayout, RigRecording, image_part, looking_time, mid_exposure_shutter
 from ..common.sensor_file import LidarSetup, LogSetup, write_setup
 from ..common.writer import SCRATCH, Tick, WritePlan, WriterPart

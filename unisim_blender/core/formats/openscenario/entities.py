@@ -33,7 +33,7 @@ STANDS_M_S = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class EntityTrack:
     """Where an entity's reference point is: ``places`` at ``times_s``, one place stands, none is as recorded. It is there from
     ``appears_s`` until ``vanishes_s``; None: from the start, to the end."""
 
@@ -135,7 +135,7 @@ class Entity:
     says_size: bool = False
     is_there: bool = True
     appears_s: float | None = None
-    tracks: list[Track] = field(default_factory=list)
+    tracks: list[EntityTrack] = field(default_factory=list)
     curve: Curve | None = None
     s_m: float = 0.0
     left_m: float = 0.0
@@ -440,7 +440,9 @@ class Entity:
 
     def _close(self, vanishes_s: float | None) -> None:
         keys = _thinned(self._keys)
-        self.tracks.append(Track([time for time, _ in keys], [place for _, place in keys], self.appears_s, vanishes_s))
+        self.tracks.append(
+            EntityTrack([time for time, _ in keys], [place for _, place in keys], self.appears_s, vanishes_s)
+        )
         self._keys = []
 
 

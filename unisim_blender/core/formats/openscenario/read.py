@@ -22,7 +22,7 @@ from ...scenario.motion.keys import Keyframe, Present
 from ...scenario.motion.placement import Placement
 from ...world.drive import EGO, Actor, Drive
 from .document import Document, NotUnderstoodError, parsed
-from .entities import Entity, Track
+from .entities import Entity, EntityTrack
 from .paths import EGO_NAMES, EgoVehicle, box_centre, ego_centre, pose_at, shifted
 from .storyboard import Size, Storyboard
 from .write import EGO_HEIGHT_M, kind_of
@@ -161,7 +161,7 @@ def _say_box(entity: Entity, logged_m: Sequence[float], uid: str, document: Docu
 
 
 def _edit_ego(
-    tracks: list[Track], drive: Drive, vehicle: EgoVehicle, result: StoryboardEdits, span_s: tuple[float, float]
+    tracks: list[EntityTrack], drive: Drive, vehicle: EgoVehicle, result: StoryboardEdits, span_s: tuple[float, float]
 ) -> None:
     ego_from_axle = invert_pose(vehicle.ego_from_axle)
     (track,) = tracks
@@ -171,7 +171,7 @@ def _edit_ego(
 
 
 def _edit_actor(
-    entity: Entity, tracks: list[Track], actor: Actor, drive: Drive, result: StoryboardEdits, document: Document
+    entity: Entity, tracks: list[EntityTrack], actor: Actor, drive: Drive, result: StoryboardEdits, document: Document
 ) -> None:
     uid, first, last = actor.uid, *entity.span_s
     # what vanishes as the drive begins was never there

@@ -13,7 +13,7 @@ from ...geometry import Trajectory
 from .actions import Actions
 from .conditions import Conditions
 from .document import Document, NotUnderstoodError, XmlNode
-from .entities import STEP_S, Entity, Track
+from .entities import STEP_S, Entity, EntityTrack
 from .expressions import ExpressionError, text_of
 from .paths import LANE_WIDTH_M, Curve, Place
 from .roads import Roads
@@ -189,7 +189,7 @@ class Storyboard:
                 return True
         return False
 
-    def run(self) -> dict[str, list[Track]]:
+    def run(self) -> dict[str, list[EntityTrack]]:
         """Return the tracks of all entities until the end, by their names."""
         first, last = self.span_s
         self._start(first)

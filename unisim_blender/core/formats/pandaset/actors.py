@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from ...data.values import check_angles
 from ...errors import LogError, in_a_line
 from ...geometry import FloatArray, Trajectory, TrajectoryError, quaternion_from_yaw
+from ...world.box_tracks import HALF_FRAME_S, passing_times, spread_keys
 from ...world.drive import Actor, Appearance, Lidar
-from ..common.box_tracks import HALF_FRAME_S, passing_times, spread_keys
 from .safe_pickle import read_table
 
 _POSITION = ("position.x", "position.y", "position.z")

@@ -23,9 +23,9 @@ from ...geometry import FloatArray, Trajectory, TrajectoryError, make_pose, quat
 from ...lenses import PINHOLE
 from ...lenses.lens import Lens, LensError
 from ...lenses.opencv_pinhole import OpenCVPinhole
+from ...world.box_tracks import TrackedBoxes, actors_of_boxes, passing_times
 from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, Readouts, RollingShutter
 from ..common.arrow import Kind, read_row, stacked
-from ..common.box_tracks import TrackedBoxes, actors_of_boxes, passing_times
 from ..common.file_log import FileLog, absent_frames, cached_image
 from . import range_images
 from .segment import CAMERA, FRAME, LASER, Segment, check_places, rows_of

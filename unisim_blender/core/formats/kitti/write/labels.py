@@ -17,8 +17,8 @@ from ....errors import OutputError
 from ....files import write_file
 from ....geometry import FloatArray, invert_pose, transform_points
 from ....sensors.silhouettes import box_bounds
+from ....world.box_tracks import hidden_shares
 from ....world.drive import Actor, CameraModel
-from ...common.box_tracks import hidden_shares
 from ...common.writer import WritePlan
 from .. import beside_tracking
 from .files import oxts_lines, projection_matrix, text_row

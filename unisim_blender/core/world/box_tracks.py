@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import LogError
-from ...geometry import (
+from ..errors import LogError
+from ..geometry import (
     FloatArray,
     Trajectory,
     TrajectoryError,
@@ -24,8 +24,8 @@ from ...geometry import (
     points_in_box,
     quaternion_from_matrix,
 )
-from ...world.classes import motion_of
-from ...world.drive import Actor, Appearance, Drive, Lidar
+from .classes import motion_of
+from .drive import Actor, Appearance, Drive, Lidar
 
 ROUNDS = 3
 """Number of iterations for the time at which an actor is passed, which depends on its place then."""
@@ -156,32 +156,33 @@ def actors_of_boxes(path: Path, boxes: TrackedBoxes) -> dict[str, Actor]:
 
 
 def _actor(uid: str, boxes: TrackedBoxes, rows: NDArray[np.int64], quaternions: FloatArray) -> Actor:
-    """Return an actor of boxes ``rows``. One that stands still is put at its boxes' median, with the mean rotation of
-    those that agree with the box nearest to it."""
-    frame_times, times, positions = boxes.frame_time_s[rows], boxes.key_s[rows], boxes.poses[rows, :3, 3]
-    label = str(boxes.label[rows[0]])
+    """Return an actor of boxes ``rows``."""
+    frame_times, times = boxes.frame_time_s[rows], boxes.key_s[rows]
+    start_s, end_s = min(times[0], frame_times[0]), max(times[-1], frame_times[-1])
+    present_s = float(start_s) - HALF_FRAME_S, float(end_s) + HALF_FRAME_S
+    size_m = np.median(boxes.size_m[rows], 0)
+    return actor_of_boxes(
+        uid, str(boxes.label[rows[0]]), size_m, times, boxes.poses[rows, :3, 3], quaternions, present_s
+    )
+
+
+def actor_of_boxes(
+    uid: str, label: str, size_m: FloatArray, times_s: FloatArray, positions: FloatArray, quaternions: FloatArray,
+    present_s: tuple[float, float],
+) -> Actor:  # fmt: skip
+    """Return an actor of boxes at times (T,), present from and to ``present_s``. One that stands still is put at the
+    median of positions (T, 3), with the mean rotation of those that agree with the box nearest to it."""
     middle = np.median(positions, 0)
     strayed = np.linalg.norm(positions - middle, axis=1)
     motion = motion_of(label)
     limit = STILL_DEFORMING_M if motion == "deforming" else STILL_M
     is_moving = motion != "still" and float(np.quantile(strayed, 0.9)) > limit
-    start_s, end_s = min(times[0], frame_times[0]), max(times[-1], frame_times[-1])
     if is_moving:
-        keys = spread_keys(times)
-        times, positions, quaternions = times[keys], positions[keys], quaternions[keys]
+        keys = spread_keys(times_s)
+        path = Trajectory(times_s[keys], positions[keys], quaternions[keys])
     else:
-        nearest = int(strayed.argmin())
-        times, positions, quaternions = times[:1], middle[None], _mean_quaternion(quaternions, nearest)[None]
-    return Actor(
-        uid=uid,
-        label=label,
-        size_m=np.median(boxes.size_m[rows], 0),
-        world_from_actor=Trajectory(times, positions, quaternions),
-        start_s=float(start_s) - HALF_FRAME_S,
-        end_s=float(end_s) + HALF_FRAME_S,
-        is_moving=is_moving,
-        appearance=Appearance(uid),
-    )
+        path = Trajectory(times_s[:1], middle[None], _mean_quaternion(quaternions, int(strayed.argmin()))[None])
+    return Actor(uid, label, size_m, path, *present_s, is_moving, Appearance(uid))
 
 
 def spread_keys(times_s: FloatArray) -> list[int]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from unisim_blender.core.errors import LogError
-from unisim_blender.core.formats.common.box_tracks import TrackedBoxes, actors_of_boxes
+from unisim_blender.core.world.box_tracks import TrackedBoxes, actors_of_boxes
 
 
 def boxes(label: str, wander_m: float, frames: int = 20) -> TrackedBoxes:

@@ -1,0 +1,45 @@
+"""Boxes of a log from a file of any known format, by its content."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+from pathlib import Path
+
+from ..errors import LogError
+from ..files import cache_folder, file_stamp, write_file
+from ..tracks.box_file import SUFFIX, BoxFile, boxed_log, is_box_file, read_boxes, text_of
+from .readers import drive_in, open_log
+
+
+def with_boxes(log: Path, boxes: Path) -> Path:
+    """Return a file of boxes that opens as the log at ``log`` with the boxes of the file ``boxes``: this itself where
+    it names that log, or else a copy among the user's cached files. Raises `LogError`, `OutputError`."""
+    log = drive_in(log)
+    if not boxes.exists():
+        raise LogError(f"{boxes}: there is no such file of boxes")
+    if is_box_file(log):
+        recorded = read_boxes(log).log
+        if recorded is None:
+            raise LogError(f"{log}: is a file of boxes that names no log")
+        log = recorded
+    content = read_boxes(boxes)
+    if content.log is not None and content.log.resolve() == log.resolve():
+        return boxes
+    return _cached(open_boxes(log, boxes))
+
+
+def open_boxes(log: Path, boxes: Path) -> BoxFile:
+    """Return the boxes of a file in the world of the log at a path. Raises `LogError`."""
+    content = replace(read_boxes(boxes), log=log)
+    boxed_log(open_log(log), content)  # refuses those of another drive
+    return content
+
+
+def _cached(content: BoxFile) -> Path:
+    assert content.log is not None
+    text = f"{content.log.resolve()}{content.path.resolve()}{file_stamp(content.path)}"
+    folder = cache_folder() / "boxes" / hashlib.sha256(text.encode()).hexdigest()[:32]
+    path = folder / (content.path.name.removesuffix(".json").removesuffix(".boxes") + SUFFIX)
+    write_file(path, text_of(replace(content, path=path)).encode())
+    return path
