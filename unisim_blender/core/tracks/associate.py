@@ -141,7 +141,11 @@ def _stitched(chains: list[list[Cluster]]) -> list[list[Cluster]]:
             time_a, at_a, speed_a = _line(other[-ENDS:])
             middle_s = (chain[0].middle_s + other[-1].middle_s) / 2
             away = float(np.linalg.norm(at_a + speed_a * (middle_s - time_a) - at_b - speed_b * (middle_s - time_b)))
-            if away < STITCH_M + STITCH_GROWTH * gap and np.linalg.norm(speed_a - speed_b) < STITCH_SPEED and away < best:
+            if (
+                away < STITCH_M + STITCH_GROWTH * gap
+                and np.linalg.norm(speed_a - speed_b) < STITCH_SPEED
+                and away < best
+            ):
                 best, where = away, number
         if where < 0:
             joined.append(chain)

@@ -2,35 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..data.log import Log
-from ..errors import LogError
 from ..geometry import UNIT_BOX_CORNERS, FloatArray, Trajectory, invert_pose, quaternion_from_yaw, transform_points
-from ..world.drive import Actor, Appearance
+from ..world.drive import Actor, Appearance, Drive
 from .associate import associate
-from .boxes import closest_heading
-from .clusters import Cluster, moving_clusters
-from .free_space import range_image, windows
-from .ground import Ground, GroundBuilder
-from .register import PlanarPath, register, returns_of, rotated, smoothed
-from .scans import read_scan, scans_of
-from .shape import VEHICLES, shape_of, supported
-from .standing import StandingBox, StandingMap, standing_box
 from .box_file import Track
+from .boxes import closest_heading
+from .clusters import Cluster
+from .evidence import Progress, evidence_of
+from .ground import Ground
+from .register import PlanarPath, register, returns_of, rotated, smoothed
+from .shape import VEHICLES, shape_of, supported
+from .standing import StandingBox, standing_box
 
-DEBUG = {}
 MOVED_M = 1.5
 """What moves gets this far from where it began."""
 MOVED = 0.4
 """A vehicle gets this part of its length away."""
 NOISE_M = 0.5
 LEAST_CERTAINTY = 0.05
-Progress = Callable[[str, float], object]
-"""Called with the name of the stage and the fraction of it that is done."""
+SOURCE = "lidar"
 
 
 def find_tracks(log: Log, progress: Progress = lambda stage, done: None) -> tuple[Track, ...]:
@@ -38,33 +34,15 @@ def find_tracks(log: Log, progress: Progress = lambda stage, done: None) -> tupl
 
     Raises `LogError` where no LiDAR has two sweeps, scipy is not installed, or a sweep cannot be read.
     """
-    refs = scans_of(log)
-    if len(refs) < 2:
-        raise LogError(f"{log.path}: has no two sweeps of a LiDAR: actors are found in sweeps; boxes may come from a file")
-    builder = GroundBuilder(log.drive.world_from_ego)
-    images = {}
-    for number, ref in enumerate(refs):
-        scan = read_scan(log, ref)
-        builder.add(scan.points)
-        images[number] = range_image(scan)
-        progress("ground", (number + 1) / len(refs))
-    ground = builder.ground()
-    sweeps, stays = [], StandingMap()
-    for number, ref in enumerate(refs):
-        scan = read_scan(log, ref)
-        clusters, standing = moving_clusters(scan, ground, images, windows(refs, number))
-        sweeps.append(clusters)
-        if len(standing):
-            stays.add(standing, np.median(scan.origins, 0), ref.time_s)
-        progress("clusters", (number + 1) / len(refs))
-    times_s = np.array([ref.time_s for ref in refs])
-    chains = associate(sweeps)
+    evidence = evidence_of(log, progress)
+    ground = evidence.ground
+    chains = associate(evidence.clusters)
     moving = []
     for number, chain in enumerate(chains):
-        if (track := _moving_track(f"{number:03d}", chain, ground, times_s)) is not None:
+        if (track := _moving_track(f"{number:03d}", chain, ground, evidence.times_s)) is not None:
             moving.append(track)
         progress("registration", (number + 1) / len(chains))
-    boxes = [box for part in stays.parts(ground) if (box := standing_box(part)) is not None]
+    boxes = [box for part in evidence.stays.parts(ground) if (box := standing_box(part)) is not None]
     standing_tracks = [_standing_track(f"{number:03d}", box, ground) for number, box in enumerate(boxes)]
     progress("standing", 1.0)
     tracks = [track for track in (*moving, *standing_tracks) if track.certainty >= LEAST_CERTAINTY]
@@ -103,8 +81,7 @@ def _moving_track(uid: str, clusters: Sequence[Cluster], ground: Ground, times_s
     fill = len(times) / max(int(((times_s > times[0] - 0.1) & (times_s < times[-1] + 0.1)).sum()), 1)
     certainty = _certainty(len(times), fill, len(returns.points) / len(times), support, shape.seen)
     actor = actor_of(uid, shape.label, shape.size_m, path, ground, True)
-    DEBUG[actor.uid] = dict(n=len(times), pts=len(returns.points)/len(times), sup=support, ext=np.ptp(local[good],0).round(2).tolist(), resid=float(np.sqrt(((path.positions-middles)**2).sum(1).mean())), times=times)
-    return Track(actor, certainty, sum(len(cluster.points) for cluster in clusters), len(times))
+    return Track(actor, certainty, SOURCE, sum(len(cluster.points) for cluster in clusters), len(times))
 
 
 def _moved(path: PlanarPath) -> float:
@@ -127,7 +104,7 @@ def _certainty(sweeps: int, fill: float, returns: float, support: float, seen: f
 def _standing_track(uid: str, box: StandingBox, ground: Ground) -> Track:
     path = PlanarPath(np.array([box.first_s]), box.middle[None], np.array([box.yaw_rad]))
     actor = actor_of(f"standing-{uid}", "Car", box.size_m, path, ground, False)
-    return Track(replace(actor, end_s=box.last_s), box.certainty, box.returns, 0)
+    return Track(replace(actor, end_s=box.last_s), box.certainty, SOURCE, box.returns, box.sweeps)
 
 
 def without_doubles(tracks: Sequence[Track]) -> list[Track]:
@@ -160,6 +137,19 @@ def actor_of(uid: str, label: str, size_m: FloatArray, path: PlanarPath, ground:
     positions = np.concatenate([path.positions, (ground.height(path.positions) + size_m[2] / 2)[:, None]], 1)
     track = Trajectory(path.times_s, positions, quaternion_from_yaw(path.yaw_rad))
     uid = f"{label.lower()}-{uid}"
-    return Actor(
-        uid, label, size_m, track, float(path.times_s[0]), float(path.times_s[-1]), is_moving, Appearance(uid)
-    )
+    return Actor(uid, label, size_m, track, float(path.times_s[0]), float(path.times_s[-1]), is_moving, Appearance(uid))
+
+
+def in_own_world(tracks: Sequence[Track], used: Drive, own: Drive) -> tuple[Track, ...]:
+    """Return tracks that were found in a log with other poses in the world of its own ones: ``own`` is the log's drive,
+    ``used`` the drive with the poses that it was searched with."""
+    if used is own:
+        return tuple(tracks)
+
+    def moved(actor: Actor) -> Actor:
+        path = actor.world_from_actor
+        times = path.times_s if actor.is_moving else np.array([(actor.start_s + actor.end_s) / 2])
+        motion = own.world_from_ego.at(times) @ invert_pose(used.world_from_ego.at(times))
+        return replace(actor, world_from_actor=Trajectory.from_poses(path.times_s, motion @ path.poses))
+
+    return tuple(replace(track, actor=moved(track.actor)) for track in tracks)

@@ -77,7 +77,7 @@ def range_image(scan: Scan) -> RangeImage:
     order = np.lexsort((range_m[inside], cell))
     cell, ranges = cell[order], range_m[inside][order]
     cells, first = np.unique(cell, return_index=True)
-    last = np.append(first[1:], len(cell)) - 1
+    last = np.append(first, len(cell))[1:] - 1
     nearest[cells], furthest[cells] = ranges[first], ranges[last]
     image = nearest.reshape(ROWS, COLUMNS)
     passed = np.minimum(image, np.minimum(np.roll(image, 1, 1), np.roll(image, -1, 1)))

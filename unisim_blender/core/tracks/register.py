@@ -1,6 +1,6 @@
 """Poses of an actor by registration of its returns in all sweeps, with a motion that keeps its velocity and turn rate.
 
-Points of each sweep are matched to planes of the actor's points of the other sweeps, and all poses are solved for
+Points of each sweep are matched to planes of sweeps that follow at growing lags, and all poses are solved for
 together (as `poses.refine` does for the ego), with accelerations and turn accelerations as residuals: the maximum a
 posteriori of a smoother of constant velocity and turn rate, forward and backward in time.
 """
@@ -19,11 +19,18 @@ from ..poses.sweeps import import_scipy
 from .clusters import Cluster
 
 REACHES_M = (1.5, 1.0, 0.8, 0.6, 0.5, 0.4, 0.3)
-MOST_RETURNS = 250
+MOST_RETURNS = 120
 """Largest number of returns of a sweep that are matched."""
 NEIGHBOURS = 8
-NOISE_M, FLAT_M = 0.06, 0.08
-INDEPENDENT = 0.15
+PLANE_M = 0.7
+"""Largest distance of returns that are of one plane."""
+LAGS = (1, 2, 4, 8, 16)
+"""Sweeps that are matched are this many sweeps apart."""
+APART_M = 1e4
+NOISE_M = 0.06
+HEIGHT = 0.4
+"""Heights count this much where the nearest returns are looked for: rows of a sweep lie apart."""
+INDEPENDENT = 0.05
 """Number of matches that tell something of their own: neighbours share their errors."""
 ACCELERATION, TURN_ACCELERATION = 2.0, 0.6
 """Standard deviations, m/s² and rad/s²."""
@@ -144,29 +151,38 @@ def register(
 def _match(
     returns: ActorReturns, local: FloatArray, path: PlanarPath, reach: float, system: _System, spatial: Any
 ) -> None:
-    """Add distances of an actor's points (N, 3) in its frame to planes of the points of other sweeps."""
+    """Add distances of an actor's points (N, 3) in its frame to planes of later sweeps."""
     if len(local) <= NEIGHBOURS:
         return
-    distance, near = spatial.cKDTree(local).query(local, NEIGHBOURS + 1)
-    offset = local[near] - local[near].mean(1, keepdims=True)
-    width, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", offset, offset) / (NEIGHBOURS + 1))
-    thick = np.sqrt(np.maximum(width[:, 0], 0))
-    other = (returns.sweep[near] != returns.sweep[:, None]) & (distance < reach)
-    matched = np.flatnonzero(other.any(1))
-    target = near[matched, other[matched].argmax(1)]
-    normal = axes[target, :, 0]
-    level = np.linalg.norm(normal[:, :2], axis=1)
-    matched, target, normal, level = (values[level > 0.4] for values in (matched, target, normal, level))
+    xy, sweep = local[:, :2], returns.sweep
+    # sweeps lie apart in a fourth dimension, so that one tree has the nearest returns of any given sweep
+    places = np.column_stack([xy, local[:, 2] * HEIGHT, sweep * APART_M])
+    tree = spatial.cKDTree(places)
+    distance, near = tree.query(places, NEIGHBOURS, distance_upper_bound=PLANE_M)
+    there = np.isfinite(distance)[..., None]
+    around = np.where(there, xy[np.where(there[..., 0], near, 0)], 0)
+    count = there.sum(1)
+    offset = np.where(there, around - (around.sum(1) / count)[:, None], 0)
+    width, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", offset, offset) / count[..., None])
+    thick, wide = (np.sqrt(np.maximum(width[:, axis], 0)) for axis in (0, 1))
+    flatness = np.where(count[:, 0] > 2, 1 - thick / np.maximum(wide, 1e-6), 0)
+    pairs = [np.zeros((2, 0), np.int64)]
+    for lag in LAGS:
+        source = np.flatnonzero(sweep + lag < len(path.times_s))
+        distance, target = tree.query(places[source] + (0, 0, 0, lag * APART_M), distance_upper_bound=reach)
+        met = np.isfinite(distance)
+        pairs.append(np.stack([source[met], target[met]]))
+    matched, target = np.concatenate(pairs, 1)
     if not len(matched):
         return
-    residual = np.sum(normal * (local[matched] - local[target]), 1)
-    noise = np.sqrt(NOISE_M**2 + thick[target] ** 2)
-    scale = np.maximum(noise, 1.4826 * float(np.median(np.abs(residual))))
-    weight = INDEPENDENT * np.minimum(1, FLAT_M / np.maximum(thick[target], 1e-3)) / (1 + (residual / scale) ** 2) ** 2
+    normal = axes[target, :, 0]
+    residual = np.sum(normal * (xy[matched] - xy[target]), 1)
+    scale = np.maximum(np.hypot(NOISE_M, thick[target]), 1.4826 * float(np.median(np.abs(residual))))
+    weight = INDEPENDENT * flatness[target] / (1 + (residual / scale) ** 2) ** 2
     rows = []
     for at, sign in ((matched, -1.0), (target, 1.0)):
         sweep = returns.sweep[at]
-        world = rotated(path.yaw_rad[sweep], normal[:, :2])
+        world = rotated(path.yaw_rad[sweep], normal)
         turn = normal[:, 1] * local[at, 0] - normal[:, 0] * local[at, 1]
         rows.append((sweep, sign * np.concatenate([world, turn[:, None]], 1)))
     system.add(rows, residual, weight / scale**2)
@@ -187,9 +203,7 @@ class _System:
         for a, first in rows:
             np.subtract.at(self.right, a, first * (weight * residual)[:, None])
             for b, second in rows:
-                np.add.at(
-                    self.matrix.transpose(0, 2, 1, 3), (a, b), np.einsum("n,ni,nj->nij", weight, first, second)
-                )
+                np.add.at(self.matrix.transpose(0, 2, 1, 3), (a, b), np.einsum("n,ni,nj->nij", weight, first, second))
 
     def places(self, away: FloatArray, noise_m: float) -> None:
         """Add that positions are where they began, from which they are ``away`` (K, 2)."""
@@ -206,7 +220,11 @@ class _System:
         middle = np.arange(1, self.count - 1)
         before, after = steps[:-1], steps[1:]
         scale = 2 / (before + after)
-        factors = ((middle - 1, scale / before), (middle, -scale * (1 / before + 1 / after)), (middle + 1, scale / after))
+        factors = (
+            (middle - 1, scale / before),
+            (middle, -scale * (1 / before + 1 / after)),
+            (middle + 1, scale / after),
+        )
         for axis, values, noise in (
             (0, path.positions[:, 0], ACCELERATION),
             (1, path.positions[:, 1], ACCELERATION),

@@ -46,14 +46,15 @@ class StandingBox:
     last_s: float
     certainty: float
     returns: int
+    sweeps: int
 
 
 class StandingMap:
     """Takes the returns of sweeps that stay, one sweep at a time; stores sums of each voxel."""
 
-    def __init__(self) -> None:
-        self.keys = np.zeros((0, 3), np.int32)
-        self.values = np.zeros((0, len(COLUMNS)))
+    def __init__(self, keys: NDArray[np.int32] | None = None, values: FloatArray | None = None) -> None:
+        self.keys = np.zeros((0, 3), np.int32) if keys is None else keys
+        self.values = np.zeros((0, len(COLUMNS))) if values is None else values
         self.batch: list[tuple[NDArray[np.int32], FloatArray]] = []
 
     def add(self, points: FloatArray, origin: FloatArray, time_s: float) -> None:
@@ -84,13 +85,18 @@ class StandingMap:
             begin, end = np.minimum.reduceat(values[:, 6], first), np.maximum.reduceat(values[:, 7], first)
             self.values = np.concatenate([sums, begin[:, None], end[:, None]], 1)
 
+    def content(self) -> tuple[NDArray[np.int32], FloatArray]:
+        """Return the voxels (N, 3) and their values (N, `COLUMNS`)."""
+        self._merge()
+        return self.keys, self.values
+
     def parts(self, ground: Ground) -> list[FloatArray]:
         """Return voxels (N, `COLUMNS`) of each thing below `HIGH_M`, with means in place of sums, and heights above the
         ground in place of z; what is taller is left out."""
         from scipy import ndimage
 
-        self._merge()
-        values = self.values[self.values[:, 0] >= LEAST_SWEEPS]
+        values = self.content()[1]
+        values = values[values[:, 0] >= LEAST_SWEEPS]
         if not len(values):
             return []
         values = np.concatenate([values[:, :1], values[:, 1:6] / values[:, :1], values[:, 6:]], 1)
@@ -134,9 +140,16 @@ def standing_box(voxels: FloatArray) -> StandingBox | None:
         low, high = completed(low, high, usual, viewed)
         size[axis], middle[axis] = high - low, (low + high) / 2
     certainty = _certainty(voxels, local, views)
-    first_s, last_s, returns = voxels[:, 6].min(), voxels[:, 7].max(), voxels[:, 0].sum()
-    position = rotated(np.array(yaw), middle)
-    return StandingBox(float(yaw), position, size, float(first_s), float(last_s), certainty, int(returns))
+    return StandingBox(
+        float(yaw),
+        rotated(np.array(yaw), middle),
+        size,
+        float(voxels[:, 6].min()),
+        float(voxels[:, 7].max()),
+        certainty,
+        int(voxels[:, 0].sum()),
+        int(voxels[:, 0].max()),
+    )
 
 
 def _certainty(voxels: FloatArray, local: FloatArray, views: FloatArray) -> float:
