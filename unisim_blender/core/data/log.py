@@ -43,6 +43,17 @@ class Sweep:
 
 
 @dataclass(frozen=True)
+class PlaneSweep:
+    """Points (N, 3) of a sweep and their planes' unit normals (N, 3), in the sensor's frame at each point's own time
+    ``time_s`` (N,); ``middle_s`` is the time of the sweep as a whole."""
+
+    points: FloatArray
+    normals: FloatArray
+    time_s: FloatArray
+    middle_s: float
+
+
+@dataclass(frozen=True)
 class Drops:
     """Rays of one sweep that did not return, M of them, world frame, as the log gives them.
 
