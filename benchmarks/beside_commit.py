@@ -22,8 +22,11 @@ from numpy.typing import NDArray
 
 SERVE = """
 import pickle, sys
-from dataclasses import replace
 from pathlib import Path
+# an editable install's finder would give every process the installed tree
+sys.meta_path = [x for x in sys.meta_path if "Redirecting" not in type(x).__name__]
+import unisim_blender
+assert Path(unisim_blender.__file__).is_relative_to(Path.cwd()), unisim_blender.__file__
 from unisim_bench.render_request import RenderRequest, RenderSession, SceneSetup
 from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.quality import QUALITIES, TRUTH_QUALITY

@@ -24,6 +24,10 @@
          float decay, const float *u, int count, float *t, float *mass, int threads), \
         (origins, directions, t_near, t_far, n, voxels, shape, lower, voxel_m, step, decay, u, count, t, mass, \
          threads)) \
+    KERNEL(int, refine, \
+        (const float *u, const float *t, const float *s, int64_t n, int k, float beta, float uniform, \
+         const float *jitter, int count, float *out, int threads), \
+        (u, t, s, n, k, beta, uniform, jitter, count, out, threads)) \
     KERNEL(int, mlp_forward, \
         (const unisim_mlp *net, const float *x, int64_t n, float *out, int threads), \
         (net, x, n, out, threads)) \

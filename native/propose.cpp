@@ -1,4 +1,5 @@
-// Ray proposals. The specification is plain torch, in core/ops/propose.py.
+// Ray proposals. The specification is plain torch, in core/ops/propose.py and core/ops/quantiles.py.
+#include "simd.h"
 #include "variant.h"
 
 #include <cmath>
@@ -88,6 +89,49 @@ extern "C" int UNISIM_NAME(unisim_propose)(const float *origins, const float *di
                 const float before = j ? cdf[j - 1] : 0.0f;
                 const float fraction = std::min(std::max((target - before) / (cdf[j] - before), 0.0f), 1.0f);
                 t[r * count + k] = t_near[r] + (static_cast<float>(index[j]) + fraction) * step;
+            }
+        }
+    });
+    return 0;
+}
+
+// Quantiles out (n, count) near the surface of signed distances s (n, k), metres, at places t (n, k), metres, and
+// quantiles u (n, k), by the weights of the logistic density of sharpness beta. The fraction `uniform` of the weight is
+// distributed evenly over the quantiles. jitter (n, count) in 0..1 increases along each row.
+extern "C" int UNISIM_NAME(unisim_refine)(const float *u, const float *t, const float *s, int64_t n, int k, float beta,
+                                          float uniform, const float *jitter, int count, float *out, int threads) {
+    parallel_blocks(n, 64, threads, [&](int64_t begin, int64_t end) {
+        const size_t size = static_cast<size_t>(k) + 1;
+        std::vector<float> tau(size), weight(size), edge(size + 1);
+        std::vector<double> cdf(size + 1); // sums in double, as torch has them: flat parts enlarge their error
+        for (int64_t r = begin; r < end; ++r) {
+            const float *ur = u + r * k, *tr = t + r * k, *sr = s + r * k;
+            tau[0] = softplus(-beta * sr[0]);
+            for (int i = 1; i < k; ++i) {
+                const float sharp = min_of(4.0f / max_of(tr[i] - tr[i - 1], 1e-4f), beta);
+                tau[i] = max_of(0.0f, softplus(-sharp * sr[i]) - softplus(-sharp * sr[i - 1]));
+            }
+            double depth = 0;
+            for (int i = 0; i < k; ++i) {
+                weight[i] = static_cast<float>(-depth);
+                depth += tau[i];
+            }
+            for (int i = 0; i < k; ++i) weight[i] = exp_of(weight[i]) * opacity_of(tau[i]) + 1e-5f;
+            weight[k] = 1e-5f;
+            double total = 0;
+            for (int i = 0; i <= k; ++i) total += weight[i];
+            // the ends of [0, 1] belong to the first and last interval
+            edge[0] = cdf[0] = 0;
+            edge[k + 1] = 1;
+            for (int i = 0; i < k; ++i) edge[i + 1] = ur[i];
+            for (int i = 0; i <= k; ++i)
+                cdf[i + 1] = cdf[i] + (1.0 - uniform) * weight[i] / total + uniform * (edge[i + 1] - edge[i]);
+            int j = 1;
+            for (int c = 0; c < count; ++c) {
+                const double target = jitter[r * count + c] * cdf[k + 1];
+                while (j <= k && cdf[j] <= target) ++j;
+                const double fraction = (target - cdf[j - 1]) / max_of(cdf[j] - cdf[j - 1], 1e-12);
+                out[r * count + c] = edge[j - 1] + static_cast<float>(fraction) * (edge[j] - edge[j - 1]);
             }
         }
     });

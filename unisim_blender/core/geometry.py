@@ -349,6 +349,12 @@ def split_trajectories(
     return trajectories
 
 
+def placed(trajectory: Trajectory, points: FloatArray, time_s: FloatArray) -> FloatArray:
+    """Return points (N, 3) of a moving frame at their times (N,) in the world, for the frame's trajectory."""
+    poses = trajectory.at(time_s)
+    return np.asarray(np.einsum("nij,nj->ni", poses[:, :3, :3], points) + poses[:, :3, 3])
+
+
 def box_corners(pose: FloatArray, size_m: FloatArray) -> FloatArray:
     """Return the 8 corners (8, 3) of a box with its centre at ``pose`` (4, 4) and edges ``size_m`` (3,)."""
     return transform_points(pose, UNIT_BOX_CORNERS * np.asarray(size_m))

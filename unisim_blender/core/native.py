@@ -11,7 +11,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-ABI_VERSION = 14
+ABI_VERSION = 15
 VARIANT_VARIABLE = "UNISIM_NATIVE_VARIANT"
 """The variable of the environment that chooses the kernels' instruction set."""
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
@@ -106,6 +106,7 @@ def library() -> ctypes.CDLL | None:
     lib.unisim_encode_backward_table.argtypes = [p, p, p, i64, p, p, i32]
     lib.unisim_encode_backward_input.argtypes = [p, p, p, i64, p, p, p, i32]
     lib.unisim_propose.argtypes = [p, p, p, p, i64, p, p, p, p, f32, f32, p, i32, p, p, i32]
+    lib.unisim_refine.argtypes = [p, p, p, i64, i32, f32, f32, p, i32, p, i32]
     lib.unisim_mlp_forward.argtypes = [p, p, i64, p, i32]
     lib.unisim_mlp_backward.argtypes = [p, p, i64, p, p, p, p, p, i32]
     lib.unisim_adam.argtypes = [p, i32, f32, f32, i32]

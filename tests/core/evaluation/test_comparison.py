@@ -95,7 +95,7 @@ def test_the_table_grows_and_nothing_is_done_twice(
     trained, before = (out / "scenes" / "unisim" / HEADER_NAME).stat(), metrics.stat()
     assert run(command(log, out, "--methods", "surfel")) == 0
     document = json.loads((out / "comparison.json").read_text())
-    assert list(document["rows"]) == ["unisim", "surfel"]
+    assert list(document["rows"]) == ["unisim", "surfel"] and document["about"]["poses"] == "log"
     assert document["rows"]["unisim"]["made"]["iterations"] == 2
     surfel = document["rows"]["surfel"]
     assert (
@@ -120,35 +120,26 @@ def test_the_table_grows_and_nothing_is_done_twice(
 
 
 def test_a_log_whose_truth_nobody_knows_is_compared_with_what_was_recorded(
-    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(methods, "METHODS", {**METHODS, "unisim": TINY})
     real, out = tmp_path / "real", tmp_path / "out"
     shutil.copytree(log, real, ignore=shutil.ignore_patterns(RECIPE_FILE, SCENARIOS_FOLDER))
-    assert (
-        run(
-            [
-                "compare",
-                str(real),
-                "--out",
-                str(out),
-                "--methods",
-                "unisim",
-                "--iterations",
-                "2",
-                "--width",
-                "64",
-                "--quiet",
-            ]
-        )
-        == 0
-    )
+    sizes = ["--methods", "unisim", "--iterations", "2", "--width", "64", "--quiet"]
+    assert run(["compare", str(real), "--out", str(out), *sizes, "--poses", "refined"]) == 0
     document = json.loads((out / "comparison.json").read_text())
-    assert document["about"]["street"] is None and list(document["about"]["cases"]) == ["replay"]
+    assert (
+        document["about"]["street"] is None
+        and document["about"]["poses"] == "refined"
+        and list(document["about"]["cases"]) == ["replay"]
+    )
     replay = document["rows"]["unisim"]["replay"]
     assert replay["camera"]["edit"]["images"] == 2 and replay["lidar"]["edit"]["sweeps"] == 2
     assert set(replay["psnr_db"]) == {"1", "3"} and replay["seconds"]["camera"] > 0
     assert len(list((out / "images" / "replay").iterdir())) == 2 * 3
+    capsys.readouterr()
+    assert run(["compare", str(real), "--out", str(out), *sizes, "--poses", "log"]) == 1
+    assert "was measured with poses 'refined', not 'log'" in capsys.readouterr().err
 
 
 def test_a_training_that_was_cut_off_goes_on(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

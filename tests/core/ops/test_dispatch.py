@@ -27,7 +27,17 @@ def operation(module: str) -> Operation[Any, Any]:
 
 
 def test_the_operations_are_there() -> None:
-    assert {"encode", "field", "mlp", "density", "propose", "transmittances", "gather", "near_spheres"} <= set(MODULES)
+    assert {
+        "encode",
+        "field",
+        "mlp",
+        "density",
+        "propose",
+        "quantiles",
+        "transmittances",
+        "gather",
+        "near_spheres",
+    } <= set(MODULES)
 
 
 @pytest.mark.parametrize("module", MODULES)

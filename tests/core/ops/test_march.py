@@ -9,7 +9,12 @@ from torch import Tensor
 
 from unisim_blender.core import native
 from unisim_blender.core.ops.propose import RaySpans, Voxels, propose, propose_reference
-from unisim_blender.core.ops.quantiles import refine_quantiles, stratified
+from unisim_blender.core.ops.quantiles import (
+    refine_quantiles,
+    refine_quantiles_compiled,
+    refine_quantiles_reference,
+    stratified,
+)
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")
 VOXEL_M = 0.5
@@ -143,7 +148,7 @@ def test_refined_samples_gather_at_a_crossing() -> None:
     t = 1 + 40 * u
     crossing = torch.linspace(6, 35, 500)[:, None]
     jitter = stratified(500, 12, True, torch.zeros(1), generator)
-    fine = refine_quantiles(u, t, 0.3 * (crossing - t), 40.0, 12, jitter)
+    fine = refine_quantiles(u, t, 0.3 * (crossing - t), 40.0, jitter)
     assert fine.shape == (500, 12)
     assert bool((fine.diff(dim=1) >= 0).all()) and float(fine.min()) >= 0 and float(fine.max()) <= 1
     near = ((1 + 40 * fine - crossing).abs() < 4.0).float().sum(1)
@@ -154,11 +159,37 @@ def test_refined_samples_gather_at_a_crossing() -> None:
 def test_refined_samples_spread_where_there_is_no_surface() -> None:
     u = stratified(10, 16, False, torch.zeros(1))
     jitter = stratified(10, 12, False, torch.zeros(1))
-    fine = refine_quantiles(u, 5 + 10 * u, torch.full_like(u, 9.0), 100.0, 12, jitter)
+    fine = refine_quantiles(u, 5 + 10 * u, torch.full_like(u, 9.0), 100.0, jitter)
     assert float(fine.diff(dim=1).max()) < 0.2 and float(fine.min()) < 0.1 and float(fine.max()) > 0.9
 
 
 def test_a_ray_that_starts_inside_something_samples_its_start() -> None:
     u = stratified(1, 8, False, torch.zeros(1))
-    fine = refine_quantiles(u, 5 + 10 * u, torch.full_like(u, -0.5), 50.0, 12, stratified(1, 12, False, torch.zeros(1)))
+    fine = refine_quantiles(u, 5 + 10 * u, torch.full_like(u, -0.5), 50.0, stratified(1, 12, False, torch.zeros(1)))
     assert float(fine.median()) < float(u[0, 0])
+
+
+@needs_library
+@pytest.mark.parametrize("beta", (20.0, 400.0))
+@pytest.mark.parametrize(("places", "count"), ((1, 5), (2, 1), (16, 12), (37, 30)))
+def test_refined_quantiles_of_the_compiled_kernel(places: int, count: int, beta: float) -> None:
+    generator = torch.Generator().manual_seed(3)
+    u = stratified(300, places, True, torch.zeros(1), generator)
+    t = 1 + 60 * u
+    # surfaces in front of, between and behind the samples, more than one, and samples that are masked to empty space
+    s = 4 * torch.rand(300, 1, generator=generator) * torch.cos(5 * u + 6 * torch.rand(300, 1, generator=generator)) - 1
+    s[::7] = s[::7].abs() + 1
+    s[3::7] = -s[3::7].abs() - 0.5
+    t[5::7, places // 2 :] = t[5::7, places // 2, None]
+    s[6::7, places // 3] = torch.inf
+    jitter = stratified(300, count, True, torch.zeros(1), generator)
+    jitter[0, 0], jitter[0, -1] = 0.0, 1.0
+    wanted = refine_quantiles_reference(u.double(), t.double(), s.double(), beta, jitter.double())
+    assert bool(wanted.isfinite().all())
+    plain, compiled = (
+        (refine(u, t, s, beta, jitter).double() - wanted).abs()
+        for refine in (refine_quantiles_reference, refine_quantiles_compiled)
+    )
+    assert float(compiled.mean()) <= 1.5 * float(plain.mean())
+    # where no surface is, the weights are differences of numbers near 1
+    assert float(compiled.max()) < 1e-4

@@ -27,6 +27,8 @@ from unisim_blender.core.training.batches import images as module
 from unisim_blender.core.training.batches.data import CameraData, LidarData, lidar_captures
 from unisim_blender.core.training.batches.images import (
     AHEAD,
+    EVEN,
+    MOST_OFTEN,
     STEPS_PER_IMAGE,
     ImageView,
     ImageWindow,
@@ -155,6 +157,24 @@ def test_pixels_are_drawn_from_the_window_alone() -> None:
     assert float(draw.weight.mean()) == pytest.approx(1, abs=0.05)
     every, all_of_them = (choice.draw(np.random.default_rng(1), 200, views) for views in (None, np.arange(FRAMES)))
     np.testing.assert_array_equal(every.view, all_of_them.view)
+
+
+def test_small_actors_are_drawn_more_often() -> None:
+    rooms = [np.full(320, 180)] * 2
+    cone, car, far = [40.0, 40, 44, 48], [160.0, 40, 304, 136], [8.0, 8, 9, 9]
+    choice = PixelChoice(rooms, [np.array([cone, car, far]), np.zeros((0, 4))])
+    draw = choice.draw(np.random.default_rng(0), 200_000)
+
+    def share(rectangle: list[float], view: int = 0) -> float:
+        left, top, right, bottom = rectangle
+        inside = (draw.view == view) & (draw.x >= left) & (draw.x < right) & (draw.y >= top) & (draw.y < bottom)
+        return float(inside.sum()) / ((right - left) * (bottom - top))
+
+    even = share([0, 100, 100, 180], 1)
+    assert share(cone) > 4 * even and share(car) < 1.2 * even and even < share(far) < (MOST_OFTEN + 1.3) * even
+    assert float(draw.weight.mean()) == pytest.approx(1, abs=0.02) and draw.weight.max() <= 1 / EVEN
+    fresh = PixelChoice(rooms)
+    np.testing.assert_allclose(fresh.even, fresh.width * fresh.height / (2 * 320 * 180))
 
 
 def test_training_data_of_many_images(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -76,7 +76,7 @@ class ActorView:
 
 
 @dataclass(frozen=True)
-class _Seen:
+class ActorsInImages:
     """All actors in the images of one camera: rectangles (A, F, 4) uncut and cut, depths (A, F),
     whether there (A, F)."""
 
@@ -98,7 +98,7 @@ def best_views(
     """
     actors = list(drive.actors.values())
     seen = [
-        _appearance(actors, camera, tuple(frame for frame in image_frames.get(name, ()) if frame in camera.time_s))
+        actors_in_images(actors, camera, tuple(frame for frame in image_frames.get(name, ()) if frame in camera.time_s))
         for name, camera in drive.cameras.items()
     ]
     seen = [camera_views for camera_views in seen if camera_views.frames]
@@ -118,7 +118,8 @@ def _spread(views: list[ActorView], most: int) -> list[ActorView]:
     return chosen
 
 
-def _appearance(actors: list[Actor], camera: Camera, frames: tuple[int, ...]) -> _Seen:
+def actors_in_images(actors: list[Actor], camera: Camera, frames: tuple[int, ...]) -> ActorsInImages:
+    """Return where a camera's images of some frames show the boxes of actors."""
     times = np.array([camera.time_s[frame] for frame in frames])
     count, model = len(frames), camera.model
     poses = camera.world_from_camera.at(times)
@@ -145,14 +146,14 @@ def _appearance(actors: list[Actor], camera: Camera, frames: tuple[int, ...]) ->
             there[number] = ahead & actor.present(times)
     cut = np.clip(full, 0.0, [model.width, model.height, model.width, model.height])
     there &= (cut[..., 2] - cut[..., 0] > 2) & (cut[..., 3] - cut[..., 1] > 2)
-    return _Seen(camera, frames, poses, full, cut, depth, there)
+    return ActorsInImages(camera, frames, poses, full, cut, depth, there)
 
 
 def _area(rectangles: FloatArray) -> FloatArray:
     return np.asarray((rectangles[..., 2] - rectangles[..., 0]) * (rectangles[..., 3] - rectangles[..., 1]))
 
 
-def _views(actor: Actor, number: int, seen: list[_Seen], outlines: Outlines) -> list[ActorView]:
+def _views(actor: Actor, number: int, seen: list[ActorsInImages], outlines: Outlines) -> list[ActorView]:
     """Return the views of one actor, best first."""
     ranked = []
     for at, in_camera in enumerate(seen):

@@ -13,8 +13,8 @@ from ..geometry import FloatArray, matrix_from_quaternion
 from ..ops.devices import zeros_on_demand
 from ..ops.near_spheres import near_spheres
 from ..ops.padding import Padding
-from ..sensors.bounds import BIN_S, Bounds
-from ..world.drive import Actor
+from ..sensors.bounds import Bounds
+from ..world.drive import BIN_S, Actor
 from ..world.replay import PaddedKeys
 
 SMOOTH_S = 0.2

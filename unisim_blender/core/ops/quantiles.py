@@ -10,7 +10,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from .. import native
 from .constants import QUANTILE_FLOOR
+from .devices import kernel_threads
+from .dispatch import Operation
 
 
 def stratified(rays: int, count: int, jitter: bool, like: Tensor, generator: torch.Generator | None = None) -> Tensor:
@@ -24,15 +27,21 @@ def stratified(rays: int, count: int, jitter: bool, like: Tensor, generator: tor
     return ((torch.arange(count, device=like.device) + offset) / count).to(like.dtype)
 
 
-def refine_quantiles(u: Tensor, t: Tensor, s: Tensor, beta: Tensor | float, count: int, jitter: Tensor) -> Tensor:
+def refine_quantiles(u: Tensor, t: Tensor, s: Tensor, beta: Tensor | float, jitter: Tensor) -> Tensor:
     """Return quantiles (N, count) near the surface of signed distances s (N, K), metres, at places t (N, K), metres,
     and quantiles u (N, K).
 
     The weights are the logistic density's with a beta bounded by an interval's length, so that a sample near a thin
     object attracts others. `QUANTILE_FLOOR` of them are spread evenly over the quantiles. ``jitter`` (N, count) ascends
-    in [0, 1].
+    in [0, 1]. No gradient passes.
     """
     assert u.shape == t.shape == s.shape, (u.shape, t.shape, s.shape)
+    assert jitter.shape[:1] == u.shape[:1], (u.shape, jitter.shape)
+    return OPERATION(u, t, s, beta, jitter)
+
+
+def refine_quantiles_reference(u: Tensor, t: Tensor, s: Tensor, beta: Tensor | float, jitter: Tensor) -> Tensor:
+    """`refine_quantiles` in plain torch."""
     gap = (t[:, 1:] - t[:, :-1]).clamp_min(1e-4)
     sharp = (4.0 / gap).clamp_max(beta)
     rise = F.softplus(-sharp * s[:, 1:]) - F.softplus(-sharp * s[:, :-1])
@@ -44,6 +53,24 @@ def refine_quantiles(u: Tensor, t: Tensor, s: Tensor, beta: Tensor | float, coun
     first = -torch.expm1(-before)
     weight = torch.cat([first, weight, torch.zeros_like(first)], -1)
     return _drawn(torch.cat([torch.zeros_like(u[:, :1]), u, torch.ones_like(u[:, :1])], -1), weight, jitter)
+
+
+def refine_quantiles_compiled(u: Tensor, t: Tensor, s: Tensor, beta: Tensor | float, jitter: Tensor) -> Tensor:
+    """`refine_quantiles` by the compiled kernel, without gradients: samples' places take none."""
+    lib = native.library()
+    assert lib is not None
+    u, t, s, jitter = (x.detach().contiguous() for x in (u, t, s, jitter))
+    out = torch.empty_like(jitter)
+    lib.unisim_refine(
+        u.data_ptr(), t.data_ptr(), s.data_ptr(), *u.shape, float(beta), QUANTILE_FLOOR, jitter.data_ptr(),
+        jitter.shape[1], out.data_ptr(), kernel_threads(),
+    )  # fmt: skip
+    return out
+
+
+OPERATION = Operation(
+    refine_quantiles_reference, lambda u, t, s, beta, jitter: (u, t, s, jitter), compiled=refine_quantiles_compiled
+)
 
 
 def refine_by_density(u: Tensor, tau: Tensor, jitter: Tensor) -> Tensor:

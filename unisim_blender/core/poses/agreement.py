@@ -8,9 +8,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..geometry import FloatArray, Trajectory, invert_pose
+from ..geometry import FloatArray, Trajectory, invert_pose, placed
 from .refine import corrected, refine
-from .sweeps import import_scipy, placed, planes_of
+from .sweeps import import_scipy, planes_of
 
 LAGS = (2, 10, 40)
 """Numbers of frames between two sweeps that are compared."""

@@ -14,8 +14,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import FloatArray, Trajectory, invert_pose, make_pose, nearest_rotation, quaternion_from_matrix
-from .sweeps import PlaneSweep, import_scipy, placed
+from ..data.log import PlaneSweep
+from ..geometry import (
+    FloatArray,
+    Trajectory,
+    invert_pose,
+    make_pose,
+    nearest_rotation,
+    placed,
+    quaternion_from_matrix,
+)
+from .sweeps import import_scipy
 
 REACHES_M = (2.0, 1.0, 1.0, 0.6, 0.6, 0.4, 0.4, 0.3, 0.3, 0.3)
 """How far apart points are matched to planes, from pass to pass."""

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ..data.log import Log, Sweep
+from ..data.log import Log, PlaneSweep, Sweep
 from ..errors import LogError, remedy_of, what_is_missing
-from ..geometry import BoolArray, FloatArray, Trajectory, first_in_voxels, invert_pose
+from ..geometry import BoolArray, FloatArray, Trajectory, first_in_voxels, invert_pose, placed
 from ..world.drive import Drive
 
 NEAR_M, FAR_M = 2.5, 80.0
@@ -19,17 +18,6 @@ FLAT_M, WIDE_M, WIDER = 0.04, 0.08, 3.0
 """Neighbours are on a plane where they lie at most this far from it (root mean square), and are this wide and this many
 times wider than thick: else they are a line."""
 BOX_MARGIN_M = 0.3
-
-
-@dataclass(frozen=True)
-class PlaneSweep:
-    """Points (N, 3) of a sweep and their planes' unit normals (N, 3), in the sensor's frame at each point's own time
-    ``time_s`` (N,); ``middle_s`` is the median of all returns' times."""
-
-    points: FloatArray
-    normals: FloatArray
-    time_s: FloatArray
-    middle_s: float
 
 
 def import_scipy(purpose: str) -> Any:
@@ -85,12 +73,6 @@ def standing(log: Log, lidar: str, frame: int) -> tuple[FloatArray, FloatArray]:
     points, time_s = points[keep], time_s[keep]
     to_sensor = invert_pose(log.drive.lidars[lidar].world_from_lidar.at(time_s))
     return np.einsum("nij,nj->ni", to_sensor[:, :3, :3], points) + to_sensor[:, :3, 3], time_s
-
-
-def placed(trajectory: Trajectory, points: FloatArray, time_s: FloatArray) -> FloatArray:
-    """Return points (N, 3) of a sensor's frame at their times (N,) in the world, for a trajectory of the sensor."""
-    poses = trajectory.at(time_s)
-    return np.asarray(np.einsum("nij,nj->ni", poses[:, :3, :3], points) + poses[:, :3, 3])
 
 
 def planes_of(points: FloatArray, time_s: FloatArray, trajectory: Trajectory) -> PlaneSweep:

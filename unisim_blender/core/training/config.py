@@ -83,7 +83,8 @@ class TrainConfig:
     rate_shifts: tuple[float, float] = (4e-3, 4e-4)
     rate_turns: tuple[float, float] = (1e-3, 1e-4)
     """Rates of the boxes' shifts and turns: metres and radians a step at most."""
-    rate_cameras: tuple[float, float] = (5e-5, 5e-6)
+    rate_camera_shifts: tuple[float, float] = (5e-5, 5e-6)
+    rate_camera_turns: tuple[float, float] = (5e-5, 5e-6)
     rate_exposures: tuple[float, float] = (2e-3, 2e-4)
     """Rates of the logarithms of images' gains."""
     slow_every: int = 4

@@ -127,7 +127,7 @@ class TrainingSetup:
         self._deferred: tuple[dict[str, Tensor], dict[str, Tensor]] | None = None
         if window is not None:
             self.deferred()  # while the first sweeps are read
-        self.choice = PixelChoice(self.cameras.rooms(shapes.upsample))
+        self.choice = PixelChoice(self.cameras.rooms(shapes.upsample), self.cameras.actors())
         self.lidar: LidarData | SweepWindow
         if window is None:
             self.lidar = LidarData(log, self.lidars, config.frames, self.volume.corner)
@@ -236,7 +236,8 @@ class TrainingSetup:
             else {"params": appearances, "rates": c.rate_networks, "eps": 1e-10},
             {"params": [self.tracklets.shift_m], "rates": c.rate_shifts, "eps": 1e-10},
             {"params": [self.tracklets.turn_6d], "rates": c.rate_turns, "eps": 1e-10},
-            {"params": list(self.camera_poses.parameters()), "rates": c.rate_cameras, "eps": 1e-10},
+            {"params": [self.camera_poses.shift_m], "rates": c.rate_camera_shifts, "eps": 1e-10},
+            {"params": [self.camera_poses.turn_rad], "rates": c.rate_camera_turns, "eps": 1e-10},
             {"params": [self.log_gains], "rates": c.rate_exposures, "eps": 1e-10},
         ]
         on_gpu = c.device.startswith("cuda")

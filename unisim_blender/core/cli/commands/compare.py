@@ -8,10 +8,11 @@ from typing import Any
 
 import click
 
+from ...data.moved import Choice
 from ...evaluation.comparison.methods import ABLATIONS, BASELINES, OURS, USUAL
 from ...prepare.selection import split_names
 from ...progress import Bar
-from ..options import PATH, QUALITY, out_option
+from ..options import PATH, QUALITY, out_option, posed, poses_option
 
 
 @click.command()
@@ -44,13 +45,14 @@ from ..options import PATH, QUALITY, out_option
     metavar="METRES DEGREES",
     help="Train on moving actors' boxes with noise, and tell how much of it is taken back.",
 )
+@poses_option("auto")
 @click.option("--quality", type=QUALITY, default="balanced", show_default=True, help="Samples a ray.")
 @click.option("--lpips", metavar="FILE", type=PATH, help="Weights of LPIPS, to measure it.")
 @click.option("--fid", metavar="FILE", type=PATH, help="TorchScript of Inception, to measure FID.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda or mps.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of every random choice.")
 @click.option("--quiet", is_flag=True, help="No progress bars.")
-def command(log: Path, out: Path, quiet: bool, **given: Any) -> None:
+def command(log: Path, out: Path, poses: Choice, quiet: bool, **given: Any) -> None:
     """Train methods on the drive at LOG, each within a budget, and compare what they render: replay, lane
     shifts and edits.
 
@@ -68,5 +70,8 @@ def command(log: Path, out: Path, quiet: bool, **given: Any) -> None:
     def progress(items: Iterable[int], what: str) -> Iterable[int]:
         return Bar(items, desc=what, unit="frame", dynamic_ncols=True, disable=quiet)
 
-    click.echo(compare(log, out, options, lambda sentence: click.echo(sentence, err=True), progress, quiet))
+    def say(sentence: str) -> None:
+        click.echo(sentence, err=True)
+
+    click.echo(compare(log, out, options, lambda recorded: posed(recorded, poses, quiet), say, progress, quiet))
     click.echo(f"Table: {out / 'comparison.md'}   page: {out / 'index.html'}")

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ...data.log import Log
+from ...data.log import Log, extras_of
 from ...errors import LogError, UnisimError, short
 from ...files import holds_out, write_file
 from ...formats.readers import drive_in, open_log
@@ -29,13 +29,15 @@ ROWS = "comparison.json"
 
 @holds_out
 def compare(
-    log_path: Path, out: Path, options: CompareOptions, say: Callable[[str], object], progress: Progress, quiet: bool
-) -> str:
+    log_path: Path, out: Path, options: CompareOptions, posed: Callable[[Log], Log],
+    say: Callable[[str], object], progress: Progress, quiet: bool,
+) -> str:  # fmt: skip
     """Make and measure every method that is wished for, and write comparison.json, comparison.md and index.html to
     ``out`` after each; the Markdown. Methods that an earlier run measured there stay in the table.
-    Raises `UnisimError`."""
+    ``posed`` returns a log with the poses that are asked for; a street's are known, and stay. Raises `UnisimError`."""
     methods = methods_named(options.methods)
-    log = open_log(log_path)
+    log, known = open_log(log_path), known_log(drive_in(log_path))
+    log = posed(log) if known is None else log
     if not options.cameras:
         ahead = camera_ahead(log)
         if ahead is None:
@@ -43,9 +45,7 @@ def compare(
         options = replace(options, cameras=(ahead,))
     check_names("camera", options.cameras, [c for c in log.drive.cameras if log.image_frames(c)])
     inception = None if options.fid is None else Inception(options.fid)
-    context = ComparisonContext(
-        log, known_log(drive_in(log_path)), out, options, perceptual_metric(options.lpips), inception
-    )
+    context = ComparisonContext(log, known, out, options, perceptual_metric(options.lpips), inception)
     cases = cases_of(log, context.known, out, options)
     about = _about(context, cases)
     rows = _earlier(out / ROWS, about)
@@ -83,6 +83,7 @@ def _about(context: ComparisonContext, cases: list[Case]) -> dict[str, Any]:
         "budget": f"{options.iterations} steps" if options.iterations else f"{options.minutes:g} minutes",
         "quality": options.quality,
         "disturb": None if options.disturb is None else list(options.disturb),
+        "poses": extras_of(context.log).poses,
         "cases": {case.name: {"frames": list(case.frames), "moves_view": case.moves_view} for case in cases},
     }
 
@@ -96,6 +97,7 @@ def _earlier(path: Path, about: dict[str, Any]) -> dict[str, dict[str, Any]]:
     for row in document.key("rows").members():
         row[1].key("title").text()
     before.setdefault("cases", before.get("parts"))  # its former name
+    before.setdefault("poses", "log")
     for name, value in about.items():
         if before.get(name) != value:
             raise UnisimError(

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import FloatArray, Trajectory
+from ...geometry import FloatArray, Trajectory, placed
 from ...world.drive import LidarModel
 
 WORDS = {1: "counter-clockwise", -1: "clockwise"}
@@ -74,13 +74,13 @@ def fit_spin(
     pairs = [(frames[at], frames[at + APART]) for at in range(len(frames) - APART)]
     moved = [np.linalg.norm(np.subtract(*track.positions_at(np.array([turns[a][1], turns[b][1]])))) for a, b in pairs]
     chosen = sorted(pairs[at] for at in np.argsort(np.negative(moved), kind="stable")[:PAIRS])
-    placed: dict[int, _Placed] = {}
+    where: dict[int, _Placed] = {}
     spins = []
     for pair in chosen:
         for frame in pair:
-            if frame not in placed:
-                placed[frame] = _place(read(frame), turns[frame], track)
-        spin = _spin_of(placed[pair[0]], placed[pair[1]])
+            if frame not in where:
+                where[frame] = _place(read(frame), turns[frame], track)
+        spin = _spin_of(where[pair[0]], where[pair[1]])
         if spin is not None:
             spins.append(spin)
     return decide(np.array(spins))
@@ -114,8 +114,7 @@ def _place(planes: PlanePoints, turn: Turn, track: Trajectory) -> _Placed:
     """Points in the world for spin 0, by how much spin moves them, and their normals there: (N, 3) each."""
     ends = []
     for spin in (1.0, -1.0):
-        poses = track.at(point_times(planes.points, turn, spin))
-        ends.append(np.einsum("nij,nj->ni", poses[:, :3, :3], planes.points) + poses[:, :3, 3])
+        ends.append(placed(track, planes.points, point_times(planes.points, turn, spin)))
     normals = planes.normals @ track.at(turn[1])[:3, :3].T
     return (ends[0] + ends[1]) / 2, (ends[0] - ends[1]) / 2, normals
 

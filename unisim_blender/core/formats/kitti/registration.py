@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...data.log import PlaneSweep
 from ...errors import LogError, OutputError, remedy_of, what_is_missing
 from ...files import cache_folder, file_stamp, write_file
 from ...geometry import (
@@ -25,6 +26,7 @@ from ...geometry import (
     first_in_voxels,
     invert_pose,
     make_pose,
+    placed,
     quaternion_from_matrix,
     spread_indices,
 )
@@ -54,17 +56,6 @@ WIDE_M = 0.03
 WIDER = 4.5
 """A patch is at least this wide, and this many times wider than it is thick: else it is a line."""
 NEAR_M, FAR_M = 3.0, 60.0
-
-
-@dataclass(frozen=True)
-class SweepPlanes:
-    """Points of a sweep and their planes' unit normals (N, 3), in the sensor's frame at each point's own time, ``late_s`` (N,)
-    after ``time_s``."""
-
-    points: FloatArray
-    normals: FloatArray
-    late_s: FloatArray
-    time_s: float
 
 
 def find_planes(
@@ -146,7 +137,7 @@ class Registered:
         )
 
 
-def register(where: str, frames: Sequence[int], read: Callable[[int], SweepPlanes]) -> Registered:
+def register(where: str, frames: Sequence[int], read: Callable[[int], PlaneSweep]) -> Registered:
     """Return the poses of the sweeps of ``frames``, in order of time, at their surfaces' times.
 
     Raises `LogError` naming ``where`` for sweeps that do not fit each other, or where small_gicp is not installed.
@@ -154,38 +145,38 @@ def register(where: str, frames: Sequence[int], read: Callable[[int], SweepPlane
     gicp = _library(where)
     times: list[float] = []
     poses: list[FloatArray] = []
-    placed: list[FloatArray] = []  # the last sweeps' points, in the first one's frame
+    last: list[FloatArray] = []  # the last sweeps' points, in the first one's frame
     off: list[FloatArray] = []
     step = np.eye(4)  # the motion from one sweep to the next
-    first: SweepPlanes | None = None
+    first: PlaneSweep | None = None
     for at, frame in enumerate(frames):
         what = f"{where}: the sweep of frame {frame}"
         surface = read(frame)
         if len(surface.points) < LEAST_POINTS:
             raise LogError(f"{what} cannot be registered: {len(surface.points)} of its points lie on planes")
-        times.append(surface.time_s)
+        times.append(surface.middle_s)
         if first is None:
             first = surface
             poses.append(np.eye(4))
-            placed.append(surface.points)
+            last.append(surface.points)
             continue
         period = times[at] - times[at - 1]
         step = _share_of(step, period / (times[at - 1] - times[at - 2]) if at > 1 else 1.0)
-        target = _target(gicp, placed)
+        target = _target(gicp, last)
         for reach in (*REACHES_M, *REACHES_M[-1:]) if at > 1 else REACHES_M + REACHES_M[1:] + REACHES_M[1:]:
             source = _source(gicp, compensated(surface, step, period), surface.normals)
             pose = _align(gicp, target, source, poses[-1] @ step, reach, what)
             step = invert_pose(poses[-1]) @ pose
             if at == 1:  # until now the first sweep's own motion was not known
-                placed[0] = compensated(first, step, period)
-                target = _target(gicp, placed)
+                last[0] = compensated(first, step, period)
+                target = _target(gicp, last)
         poses.append(poses[-1] @ step)
         local = compensated(surface, step, period)
         if at > 1:
             source = _source(gicp, local, surface.normals)
-            pose = _align(gicp, _target(gicp, placed[-2:-1]), source, poses[-1], REACHES_M[-1], what)
+            pose = _align(gicp, _target(gicp, last[-2:-1]), source, poses[-1], REACHES_M[-1], what)
             off.append(invert_pose(poses[-1]) @ pose)
-        placed = [*placed[1 - MAP_SWEEPS :], local @ poses[-1][:3, :3].T + poses[-1][:3, 3]]
+        last = [*last[1 - MAP_SWEEPS :], local @ poses[-1][:3, :3].T + poses[-1][:3, 3]]
     difference = np.array(off).reshape(-1, 4, 4)
     return Registered(
         Trajectory.from_poses(np.array(times), np.stack(poses)),
@@ -194,10 +185,10 @@ def register(where: str, frames: Sequence[int], read: Callable[[int], SweepPlane
     )
 
 
-def compensated(surface: SweepPlanes, step: FloatArray, period_s: float) -> FloatArray:
+def compensated(surface: PlaneSweep, step: FloatArray, period_s: float) -> FloatArray:
     """Return points (N, 3) in the sensor's frame at the surface's time; ``step`` (4, 4) is its motion in a period."""
-    poses = Trajectory.from_poses(np.array([0.0, 1.0]), np.stack([np.eye(4), step])).at(surface.late_s / period_s)
-    return np.asarray(np.einsum("nij,nj->ni", poses[:, :3, :3], surface.points) + poses[:, :3, 3])
+    motion = Trajectory.from_poses(surface.middle_s + np.array([0.0, period_s]), np.stack([np.eye(4), step]))
+    return placed(motion, surface.points, surface.time_s)
 
 
 def _library(where: str) -> Any:
@@ -214,8 +205,8 @@ def _share_of(step: FloatArray, share: float) -> FloatArray:
     return np.asarray(Trajectory.from_poses(np.array([0.0, 1.0]), np.stack([np.eye(4), step])).at(share))
 
 
-def _target(gicp: Any, placed: Sequence[FloatArray]) -> tuple[Any, Any]:
-    points = np.concatenate(placed)
+def _target(gicp: Any, clouds: Sequence[FloatArray]) -> tuple[Any, Any]:
+    points = np.concatenate(clouds)
     cloud = gicp.PointCloud(points[first_in_voxels(points, TARGET_VOXEL_M)])
     tree = gicp.KdTree(cloud)
     gicp.estimate_normals(cloud, tree, NEIGHBOURS)
@@ -346,10 +337,9 @@ def _planes_of(files: KittiFiles, beams: KittiBeams, every: int) -> Callable[[in
 def _registered(
     path: Path, files: KittiFiles, read: Callable[[int], PlanePoints], frames: list[int], spin: int
 ) -> Registered:
-    def surface(frame: int) -> SweepPlanes:
-        planes, forward = read(frame), files.turns[frame][1]
-        late = point_times(planes.points, files.turns[frame], spin) - forward
-        return SweepPlanes(planes.points, planes.normals, late, forward)
+    def surface(frame: int) -> PlaneSweep:
+        planes, turn = read(frame), files.turns[frame]
+        return PlaneSweep(planes.points, planes.normals, point_times(planes.points, turn, spin), turn[1])
 
     return register(str(path), frames, surface)
 

@@ -14,6 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from torch import Tensor
 
+from ...actor_images.best_views import actors_in_images
 from ...data.images import resize_image, shown_pixels
 from ...data.log import Log
 from ...data.own_vehicle import Outline, find_outline, given_outline, joined, moved_frames
@@ -182,6 +183,15 @@ class CameraData:
         nothing of the vehicle itself."""
         by_camera = {name: self._room(camera, edge, 1.0) for name, camera in self.cameras.items()}
         return [by_camera[camera.sensor_id] for _, camera, _ in self.views]
+
+    def actors(self) -> list[FloatArray]:
+        """For each view the rectangles (A, 4), pixels, of the actors' boxes in the image."""
+        actors, rectangles = list(self._log.drive.actors.values()), list[FloatArray]()
+        for number, camera in enumerate(self.cameras.values()):
+            frames = tuple(frame for n, _, frame in self.views if n == number)
+            seen = actors_in_images(actors, camera, frames)
+            rectangles += [seen.cut[seen.there[:, view], view] for view in range(len(frames))]
+        return rectangles
 
     def _room(self, camera: Camera, edge: int, least_shown: float) -> PixelBuffer:
         columns, rows = max(0, camera.model.width - edge + 1), max(0, camera.model.height - edge + 1)

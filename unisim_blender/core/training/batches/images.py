@@ -25,6 +25,9 @@ ERROR_DECAY = 0.8
 """How much of a block's error is still what it was after one more look."""
 FIRST_ERROR = 0.05
 """Error of a block that was never drawn, of 1."""
+SMALL_ACTOR, MOST_OFTEN = 0.05, 6.0
+"""Edge, as a share of the image's width, of the square that an actor counts as, at least, and how much more its pixels count then
+at most."""
 BLOCK, MOST_BLOCKS = 8, 250_000
 """Edge in pixels at least; and how many blocks there are at most."""
 PixelBuffer = NDArray[Any]
@@ -48,10 +51,12 @@ class PixelChoice:
 
     Chances in proportion to a term's size leave a sum the least variance (importance sampling; for gradients, which
     grow as the error does: Katharopoulos and Fleuret, "Not All Samples Are Created Equal", 2018). Weighted by
-    `PixelDraw.weight`, means are those of even draws. ``rooms``: for each image which of its pixels may be drawn.
+    `PixelDraw.weight`, means are those of draws by `even`. ``rooms``: for each image which of its pixels may be drawn.
+    ``actors``: for each image the rectangles (A, 4) of actors, left, top, right, bottom. A cone has a thousandth of an image's
+    pixels, and even draws would teach little of it: means are biased, on purpose, so that its pixels count more.
     """
 
-    def __init__(self, rooms: Sequence[PixelBuffer]) -> None:
+    def __init__(self, rooms: Sequence[PixelBuffer], actors: Sequence[FloatArray] = ()) -> None:
         pixels = sum(int(room.sum()) for room in rooms)
         edge = max(BLOCK, int(np.ceil(np.sqrt(pixels / MOST_BLOCKS))))
         # views of a camera share their room
@@ -59,7 +64,18 @@ class PixelChoice:
         parts = [np.insert(of_room[id(room)], 0, view, 1) for view, room in enumerate(rooms)]
         self.view, self.x, self.y, self.width, self.height = np.concatenate(parts).T
         area = (self.width * self.height).astype(np.float64)
+        begins = np.searchsorted(self.view, np.arange(len(rooms) + 1))
+        for room, rectangles, begin, end in zip(rooms, actors, begins, begins[1:], strict=False):
+            own = slice(begin, end)
+            x, y, width, height = (values[own, None] for values in (self.x, self.y, self.width, self.height))
+            left, top, right, bottom = rectangles.T
+            across = np.minimum(x + width, right) - np.maximum(x, left)
+            down = np.minimum(y + height, bottom) - np.maximum(y, top)
+            size = np.maximum((right - left) * (bottom - top), 1.0)
+            often = (across.clip(0) * down.clip(0) * (SMALL_ACTOR * room.shape[-1]) ** 2 / size).sum(1)
+            area[own] += np.minimum(often, MOST_OFTEN * area[own])
         self.even = area / area.sum()
+        """Chances of blocks in proportion to their pixels, those of small actors counted more than once."""
         self._on_device: Tensor | None = None
         self._error = np.full(len(area), FIRST_ERROR)
 

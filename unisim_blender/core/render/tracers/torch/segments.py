@@ -50,7 +50,7 @@ def refined(scene: SceneModel, values: FieldValues, u: Tensor, t: Tensor, length
     K)."""
     if isinstance(values, LogDensities):
         return refine_by_density(u, volume_density(values.logs) * lengths(), jitter)
-    return refine_quantiles(u, t, values.metres, scene.beta(), jitter.shape[1], jitter)
+    return refine_quantiles(u, t, values.metres, scene.beta(), jitter)
 
 
 @torch.no_grad()
