@@ -71,14 +71,14 @@ def test_another_packages_detector_gives_tracks(street: Log, tmp_path: Path, mon
     boxes = detected_boxes(street, detector, done.append)
     assert done[-1] == 1 and (boxes.uid == "").all() and len(boxes.uid) > 50
     tracks = linked(boxes, "upright")
-    near = 0
+    near: int = 0
     for actor in street.drive.actors.values():
         away = [
             np.linalg.norm(track.actor.world_from_actor.at(0.5)[:2, 3] - actor.world_from_actor.at(0.5)[:2, 3])
             for track in tracks
             if track.actor.present(0.5)
         ]
-        near += min(away) < 1.5
+        near += bool(min(away) < 1.5)
     assert near >= 6, near
     assert all(track.certainty == pytest.approx(0.6) and track.source == "upright" for track in tracks)
     DETECTORS.forget_plugins()

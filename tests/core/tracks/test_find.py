@@ -86,9 +86,7 @@ class DrivenLog:
         rays = lidar_rays(sensor, sensor.time_s[frame]).flat()
         person = np.array([*person_at(time_s), 0.9])
         half = np.array([0.25, 0.3, 0.85])
-        solid = np.concatenate(
-            [WALLS, car_boxes(car_at(time_s)), car_boxes(PARKED), [[person - half, person + half]]]
-        )
+        solid = np.concatenate([WALLS, car_boxes(car_at(time_s)), car_boxes(PARKED), [[person - half, person + half]]])
         depth = ranges(rays.origins, rays.directions, solid)
         met = np.flatnonzero(np.isfinite(depth))
         depth = depth[met] + np.random.default_rng(frame).normal(0, 0.01, len(met))
@@ -307,7 +305,9 @@ def test_registration_takes_back_a_turning_path() -> None:
     velocity = 6 * np.stack([np.cos(yaw), np.sin(yaw)], 1)
     places = np.concatenate([np.zeros((1, 2)), np.cumsum((velocity[1:] + velocity[:-1]) * 0.05, 0)])
     rng = np.random.default_rng(2)
-    clusters = [cluster(l_shape(a, at) + rng.normal(0, 0.01, (90, 2)), t) for a, at, t in zip(yaw, places, times, strict=True)]
+    clusters = [
+        cluster(l_shape(a, at) + rng.normal(0, 0.01, (90, 2)), t) for a, at, t in zip(yaw, places, times, strict=True)
+    ]
     disturbed = smoothed(times, places + rng.normal(0, 0.25, places.shape), np.zeros(20), 0.3)
     returns = returns_of(clusters, lambda points: np.zeros(len(points)))
     path = register(returns, disturbed)
