@@ -198,7 +198,7 @@ def test_the_command_writes_a_file_of_boxes_and_a_report(tmp_path: Path, monkeyp
     from unisim_blender.core.cli.commands.track import command
     from unisim_blender.core.formats import readers
 
-    log = driven(tmp_path, frames=8)
+    log = driven(tmp_path, frames=12)
     monkeypatch.setattr(readers, "open_log", lambda path: log)
     page = tmp_path / "report.html"
     result = CliRunner().invoke(command, [str(log.path), "--report", str(page), "--poses", "log", "--quiet"])
