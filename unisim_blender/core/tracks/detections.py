@@ -38,7 +38,7 @@ from .clusters import Cluster
 from .register import smoothed
 
 LEAST_SCORE = 0.1
-"""Detections of lower scores are left out."""
+"""SweepDetections of lower scores are left out."""
 NOISE_M = 0.3
 """Standard deviation of a detection's centre, metres."""
 HEIGHT_KEYS = 5
@@ -50,7 +50,7 @@ SAME_PART, SAME_M = 0.35, 1.0
 
 
 @dataclass(frozen=True)
-class Detections:
+class SweepDetections:
     """What a detector sees in a sweep, M boxes: boxes (M, 7) x, y, z of the centre, length, width, height, yaw, in the
     frame of the points; label (M,) texts, score (M,) from 0 to 1."""
 
@@ -67,7 +67,7 @@ class Detector(Protocol):
     about: str
     """What it is, in a few words."""
 
-    def detect(self, points: NDArray[np.float32]) -> Detections:
+    def detect(self, points: NDArray[np.float32]) -> SweepDetections:
         """Return what a sweep shows. ``points`` (N, 4): x, y, z, metres, in the LiDAR's frame at the sweep's time (x forward,
         y left, z up), the vehicle's motion undone, and intensity from 0 to 1."""
 
@@ -108,20 +108,20 @@ def detected_boxes(
     return TrackedBoxes(*columns)
 
 
-def _checked(detector: Detector, points: NDArray[np.float32], place: str) -> Detections:
+def _checked(detector: Detector, points: NDArray[np.float32], place: str) -> SweepDetections:
     """Return what a detector sees, as arrays of float64. Raises `LogError` for what it must not return or raise."""
     try:
         seen = detector.detect(points)
         boxes, score = np.asarray(seen.boxes, np.float64), np.asarray(seen.score, np.float64)
         if not len(boxes):
-            return Detections(np.zeros((0, 7)), (), np.zeros(0))
+            return SweepDetections(np.zeros((0, 7)), (), np.zeros(0))
         if boxes.shape != (len(boxes), 7) or score.shape != (len(boxes),) or len(seen.label) != len(boxes):
             raise ValueError(f"{boxes.shape} boxes, {len(seen.label)} labels and {score.shape} scores")
         if not np.isfinite(boxes).all() or not (boxes[:, 3:6] > 0).all() or not ((score >= 0) & (score <= 1)).all():
             raise ValueError("a box that is not finite or has no size, or a score that is not from 0 to 1")
     except Exception as fault:  # noqa: BLE001  another package's code may raise anything
         raise LogError(f"{place}: the detector {detector.name}: {type(fault).__name__}: {in_a_line(fault)}") from fault
-    return Detections(boxes, [str(label) for label in seen.label], score)
+    return SweepDetections(boxes, [str(label) for label in seen.label], score)
 
 
 @dataclass(frozen=True)
