@@ -26,7 +26,7 @@ from .standing import StandingMap
 
 VERSION = 1
 """Counted on whenever a stage here changes: what an older program cached is made anew."""
-Progress = Callable[[str, float], object]
+SearchProgress = Callable[[str, float], object]
 """Called with the name of a stage and the fraction of it that is done; what it raises cancels the search."""
 
 
@@ -40,7 +40,7 @@ class Evidence:
     times_s: FloatArray
 
 
-def evidence_of(log: Log, progress: Progress = lambda stage, done: None) -> Evidence:
+def evidence_of(log: Log, progress: SearchProgress = lambda stage, done: None) -> Evidence:
     """Return what a log's sweeps show, from the cache where they were searched before.
 
     Raises `LogError` where no LiDAR has two sweeps, scipy is not installed, or a sweep cannot be read.

@@ -14,7 +14,7 @@ from .associate import associate
 from .box_file import Track
 from .boxes import closest_heading
 from .clusters import Cluster
-from .evidence import Progress, evidence_of
+from .evidence import SearchProgress, evidence_of
 from .ground import Ground
 from .register import PlanarPath, register, returns_of, rotated, smoothed
 from .shape import VEHICLES, shape_of, supported
@@ -29,7 +29,7 @@ LEAST_CERTAINTY = 0.05
 SOURCE = "lidar"
 
 
-def find_tracks(log: Log, progress: Progress = lambda stage, done: None) -> tuple[Track, ...]:
+def find_tracks(log: Log, progress: SearchProgress = lambda stage, done: None) -> tuple[Track, ...]:
     """Return the tracks of a log's sweeps, what moves before what stands, each in order of their first times.
 
     Raises `LogError` where no LiDAR has two sweeps, scipy is not installed, or a sweep cannot be read.
