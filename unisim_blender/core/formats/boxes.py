@@ -6,9 +6,10 @@ import hashlib
 from dataclasses import replace
 from pathlib import Path
 
+from ..data.log import extras_of
 from ..errors import LogError
 from ..files import cache_folder, file_stamp, write_file
-from ..tracks.box_file import SUFFIX, BoxFile, boxed_log, is_box_file, read_boxes, text_of
+from ..tracks.box_file import FORMAT, SUFFIX, BoxFile, boxed_log, is_box_file, read_boxes, text_of, tracks_of
 from .readers import drive_in, open_log
 
 
@@ -23,16 +24,28 @@ def with_boxes(log: Path, boxes: Path) -> Path:
         if recorded is None:
             raise LogError(f"{log}: is a file of boxes that names no log")
         log = recorded
-    content = read_boxes(boxes)
-    if content.log is not None and content.log.resolve() == log.resolve():
-        return boxes
+    if is_box_file(boxes):
+        content = read_boxes(boxes)
+        if content.log is not None and content.log.resolve() == log.resolve():
+            return boxes
     return _cached(open_boxes(log, boxes))
 
 
 def open_boxes(log: Path, boxes: Path) -> BoxFile:
-    """Return the boxes of a file in the world of the log at a path. Raises `LogError`."""
-    content = replace(read_boxes(boxes), log=log)
-    boxed_log(open_log(log), content)  # refuses those of another drive
+    """Return the boxes of a file in the world of the log at a path: a file of boxes, or one in the format of the log's
+    dataset (`LogExtras.boxes_of`). Raises `LogError`."""
+    recorded = open_log(log)
+    if is_box_file(boxes):
+        content = replace(read_boxes(boxes), log=log)
+    else:
+        read = extras_of(recorded).boxes_of
+        if read is None:
+            raise LogError(
+                f'{boxes}: is no file of boxes, which begins with {{"format": "{FORMAT}"; {log} is in a layout that has no '
+                "other such files"
+            )
+        content = BoxFile(boxes, tracks_of(boxes, read(boxes), boxes.name), boxes.name, log)
+    boxed_log(recorded, content)  # refuses those of another drive
     return content
 
 

@@ -23,7 +23,7 @@ from ..errors import LogError, OutputError, short
 from ..geometry import FloatArray, Trajectory, TrajectoryError, spread_indices
 from ..json_file import Node, read_json, write_text
 from ..scenario.json_schema import NUMBER, POSITIVE, TEXT, Schema, members_of, numbers
-from ..world.box_tracks import HALF_FRAME_S, actor_of_boxes
+from ..world.box_tracks import HALF_FRAME_S, TrackedBoxes, actor_of_boxes, actors_of_boxes
 from ..world.drive import Actor, Appearance, Drive
 
 FORMAT, VERSION = "unisim-boxes", 1
@@ -261,6 +261,18 @@ def _bound(node: Node, name: str, unbounded: float, key_s: float) -> float:
     if name not in node.object():
         return float(key_s) + math.copysign(HALF_FRAME_S, unbounded)
     return unbounded if node.key(name).value is None else node.key(name).number()
+
+
+def tracks_of(path: Path, boxes: TrackedBoxes, source: str) -> tuple[Track, ...]:
+    """Return the tracks of the boxes of a file; scores that are no fractions become such by the logistic function.
+    Raises `LogError`."""
+    if (boxes.uid == "").any():
+        raise LogError(f"{path}: has detections, which are of no track; link them by unisim track --boxes")
+    scores = np.ones(len(boxes.uid)) if boxes.score is None else boxes.score
+    if len(scores) and (scores.min() < 0 or scores.max() > 1):
+        scores = 1 / (1 + np.exp(-np.clip(scores, -50, 50)))
+    actors = actors_of_boxes(path, boxes)
+    return tuple(Track(actor, float(scores[boxes.uid == uid].mean()), source) for uid, actor in actors.items())
 
 
 class BoxedLog:
