@@ -15,6 +15,7 @@ from ..files import content_digests
 from ..geometry import FloatArray
 from ..json_file import json_bytes
 from ..memo import memoized
+from ..world.box_tracks import TrackedBoxes
 from ..world.classes import Motion
 from ..world.drive import Drive, LidarModel
 from ..world.drive_json import drive_to_json
@@ -178,6 +179,8 @@ class LogExtras:
     vehicles', do not tell what is below them. Empty where sweeps have no classes."""
     recorded: Path | None = None
     """The log that a file of boxes, ``path``, gives actors to; None where ``path`` is the log itself."""
+    boxes_of: Callable[[Path], TrackedBoxes] | None = None
+    """Function from a file of boxes in its dataset's own format, as of results, to these; raises `LogError`."""
     boxes_at: Callable[[Path], str] | None = None
     """Function from another path to the text of the same file of boxes there; None for a log without such a file."""
 

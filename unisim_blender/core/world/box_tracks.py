@@ -124,7 +124,8 @@ def passing_times(lidar: Lidar, positions: FloatArray, frame_times_s: FloatArray
 @dataclass(frozen=True)
 class TrackedBoxes:
     """Boxes, N of them, in the order of their frames: uid, label (N,) texts, frame_time_s (N,), poses (N, 4, 4), world
-    frame, size_m (N, 3), and key_s (N,), the time at which each box was there."""
+    frame, size_m (N, 3), and key_s (N,), the time at which each box was there. ``score`` (N,), of a detector or tracker;
+    a box of no track has the uid ""."""
 
     uid: NDArray[Any]
     label: NDArray[Any]
@@ -132,6 +133,7 @@ class TrackedBoxes:
     poses: FloatArray
     size_m: FloatArray
     key_s: FloatArray
+    score: FloatArray | None = None
 
 
 def actors_of_boxes(path: Path, boxes: TrackedBoxes) -> dict[str, Actor]:

@@ -130,7 +130,7 @@ def _opened(path: Path) -> Log:
 def _changed(path: Path | None) -> float:
     if path is None:
         return 0.0
-    file = path / HEADER_NAME
+    file = path if path.is_file() else path / HEADER_NAME
     return file.stat().st_mtime if file.is_file() else 0.0
 
 

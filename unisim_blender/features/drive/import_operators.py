@@ -19,11 +19,13 @@ from ...bridge.objects.imported import has_drive, skipped_sensors, source_of
 from ...bridge.views.rollouts import actor_names, keep_rollout, mark_rollout, scene_of_rollout
 from ...bridge.window import areas, drive, fit_camera_view, object_mode, show_tab
 from ...core.errors import UnisimError
+from ...core.formats.boxes import with_boxes
 from ...core.formats.readers import READERS, drive_in, suffixes
 from ...core.meshes.read import mesh_notes
 from ...core.model.scene_file import HEADER_NAME, read_scene_header
 from ...core.scenario import apply_scenario, load_scenario
 from ...core.scenario.types import Scenario
+from ...core.tracks.box_file import SUFFIX
 from ...core.world.drive import Drive
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.source import (
@@ -101,7 +103,7 @@ class _ImportDrive(InSteps, ImportHelper):
         if first:
             look_through_camera()
             if out := default_folder("output"):
-                context.scene.unisim.out = str(Path(out, source.log_path.name))
+                context.scene.unisim.out = str(Path(out, source.log_path.name.removesuffix(SUFFIX)))
         context.scene.unisim.first_steps |= first_in_file
         if first and self.timer is not None:
             yield from show_drive(context, first_in_file)
@@ -182,6 +184,12 @@ class _ImportsParts:
         default="*",
         options={"SKIP_SAVE"},
     )
+    boxes: StringProperty(
+        name="Boxes",
+        description="File of boxes in place of the log's own; a trained scene has those that it was trained on",
+        subtype="FILE_PATH",
+        options={"SKIP_SAVE"},
+    )
     all_frames: BoolProperty(
         name="All Frames", description="Frame range of the whole drive", default=True, options={"SKIP_SAVE"}
     )
@@ -197,6 +205,7 @@ class _ImportsParts:
         column = settings_column(self.layout)
         column.label(text="Of a drive or trained scene:")
         column.prop(self, "sensors")
+        column.prop(self, "boxes")
         column.prop(self, "all_frames")
         frames = column.column(align=True)
         frames.enabled = not self.all_frames
@@ -212,7 +221,7 @@ class _ImportsParts:
 
     def set_parts(self: Any) -> dict[str, Any]:
         """Return the properties that were set, by name."""
-        names = ("sensors", "all_frames", "first_frame", "last_frame", "frame_step")
+        names = ("sensors", "boxes", "all_frames", "first_frame", "last_frame", "frame_step")
         return {name: getattr(self, name) for name in names if self.properties.is_property_set(name)}
 
 
@@ -228,7 +237,8 @@ class UNISIM_OT_import_log(_ImportsParts, _ImportDrive, bpy.types.Operator):
 
     def opening(self) -> Callable[[], DriveSource]:
         chosen = Path(self.filepath or self.directory)
-        return lambda: open_source(str(drive_in(chosen)), "")
+        boxes = Path(bpy.path.abspath(self.boxes)) if self.boxes else None
+        return lambda: open_source(str(drive_in(chosen) if boxes is None else with_boxes(chosen, boxes)), "")
 
 
 class UNISIM_OT_import_scene(_ImportsParts, _ImportDrive, bpy.types.Operator):
@@ -243,6 +253,8 @@ class UNISIM_OT_import_scene(_ImportsParts, _ImportDrive, bpy.types.Operator):
     def opening(self) -> Callable[[], DriveSource]:
         chosen = Path(self.filepath)
         folder = chosen.parent if chosen.name == HEADER_NAME else chosen
+        if self.boxes:
+            raise UnisimError(message("{folder}: shows the boxes that it was trained on, not others", folder=folder))
         return lambda: open_source(str((folder / read_scene_header(folder).log_path).resolve()), str(folder))
 
 

@@ -9,7 +9,7 @@ the mean of both times.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -19,14 +19,22 @@ from numpy.typing import NDArray
 from ...data.image_files import MAX_SIDE, Notes, files_by_stem
 from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, make_pose
-from ...world.box_tracks import TrackedBoxes, actors_of_boxes, passing_times
-from ...world.drive import Actor, CameraModel, Lidar
-from ..common.arrow import ArrowColumns, Kind, read_feather, stacked, unit_quaternions
+from ...world.box_tracks import TrackedBoxes, passing_times
+from ...world.drive import CameraModel, Lidar
+from ..common.arrow import ArrowColumns, Kind, feather_names, read_feather, stacked, unit_quaternions
 
 
 def read_boxes(path: Path) -> ArrowColumns:
-    """Return the table of boxes, by time. Raises `LogError`."""
-    table = read_feather(path, COLUMNS)
+    """Return the table of boxes, by time: annotations, or detections, whose ``track_uuid`` is "" where they are of no
+    track; ``score``, 1 of annotations. Raises `LogError`."""
+    there = feather_names(path)
+    scored: dict[str, Kind] = {"score": "number"} if "score" in there else {}
+    untracked = bool(scored) and "track_uuid" not in there
+    table = read_feather(
+        path, {name: kind for name, kind in COLUMNS.items() if name != "track_uuid" or not untracked} | scored
+    )
+    count = len(table["category"])
+    table = {"track_uuid": np.full(count, ""), "score": np.ones(count)} | table
     sizes = stacked(table, SIZE)
     wrong = (sizes <= 0).any(1)
     if wrong.any():
@@ -36,16 +44,15 @@ def read_boxes(path: Path) -> ArrowColumns:
     return {name: values[order] for name, values in table.items()}
 
 
-def actors_of(
-    path: Path, table: ArrowColumns, stamp_s: Mapping[int, float], ego: Trajectory, lidars: Sequence[Lidar]
-) -> dict[str, Actor]:
-    """Return actors by uuid. ``stamp_s`` has the drive's seconds of every nanosecond of the table; ``ego``: world_from_ego."""
-    frame_times = np.array([stamp_s[stamp] for stamp in table["timestamp_ns"].tolist()])
+def tracked_boxes(
+    path: Path, table: ArrowColumns, frame_times: FloatArray, ego: Trajectory, lidars: Sequence[Lidar]
+) -> TrackedBoxes:
+    """Return the boxes of a table, N of them, in the world: ``frame_times`` (N,) their times, seconds; ``ego``:
+    world_from_ego."""
     in_ego = make_pose(stacked(table, TRANSLATION), unit_quaternions(path, stacked(table, QUATERNION)))
     poses = ego.at(frame_times) @ in_ego
-    key_s = box_times(poses[:, :3, 3], frame_times, lidars)
-    boxes = TrackedBoxes(table["track_uuid"], table["category"], frame_times, poses, stacked(table, SIZE), key_s)
-    return actors_of_boxes(path, boxes)
+    key_s, sizes = box_times(poses[:, :3, 3], frame_times, lidars), stacked(table, SIZE)
+    return TrackedBoxes(table["track_uuid"], table["category"], frame_times, poses, sizes, key_s, table["score"])
 
 
 def box_times(positions: FloatArray, frame_times_s: FloatArray, lidars: Sequence[Lidar]) -> NDArray[np.float64]:

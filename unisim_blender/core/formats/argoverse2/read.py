@@ -18,12 +18,13 @@ from ...data.sweep_cells import make_grid
 from ...data.values import Intensities, spread
 from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, TrajectoryError, transform_points
+from ...world.box_tracks import TrackedBoxes, actors_of_boxes
 from ...world.drive import Camera, Drive, Lidar
 from ...world.own_rates import number_captures
 from ..common.arrow import ArrowColumns, Kind, read_feather, stacked
 from ..common.file_log import FileLog, absent_frames, spread_over
 from .beams import TURN, BeamTable, Firings, UnknownBeamsError, blocked_cells, elevation_spread, find_table
-from .files import POSES, actors_of, read_boxes, read_intrinsics, read_mounts, read_poses, stamped_files
+from .files import POSES, read_boxes, read_intrinsics, read_mounts, read_poses, stamped_files, tracked_boxes
 
 LIDARS = ("up_lidar", "down_lidar")
 LASERS_EACH = 32
@@ -87,8 +88,10 @@ class Argoverse2Log(FileLog):
         lidars = self._find_lidars(mounts, time_s, missing)
         self._images: dict[str, dict[int, Path]] = {}
         cameras = self._find_cameras(mounts, time_s, missing)
-        seconds = {stamp: time_s[frame] for frame, stamp in self._stamps.items()}
-        actors = {} if boxes is None else actors_of(boxes_path, boxes, seconds, ego, list(lidars.values()))
+        actors = {}
+        if boxes is not None:
+            tracked = tracked_boxes(boxes_path, boxes, self._box_times(boxes), ego, list(lidars.values()))
+            actors = actors_of_boxes(boxes_path, tracked)
         self.drive = Drive(
             name=path.resolve().name,
             frames=tuple(time_s),
@@ -100,6 +103,21 @@ class Argoverse2Log(FileLog):
             world_origin=origin,
         )
         self.missing = tuple(missing)
+
+    def _box_times(self, boxes: ArrowColumns) -> FloatArray:
+        return np.array([self._seconds(stamp) for stamp in boxes["timestamp_ns"].tolist()])
+
+    def boxes_of(self, path: Path) -> TrackedBoxes:
+        """Return the boxes of a Feather file with the columns of annotations, or of detections. Raises `LogError`."""
+        boxes = read_boxes(path)
+        times, ego_s = self._box_times(boxes), self._ego.times_s
+        inside = (times >= ego_s[0]) & (times <= ego_s[-1])
+        if len(times) and not inside.any():
+            raise LogError(
+                f"{path}: its boxes are at {times[0]:.1f} to {times[-1]:.1f} s of {self.drive.name}: of another drive"
+            )
+        boxes = {name: values[inside] for name, values in boxes.items()}
+        return tracked_boxes(path, boxes, times[inside], self._ego, list(self.drive.lidars.values()))
 
     def _size_stated(self, camera: str) -> str:
         return f"intrinsics.feather gives {camera}"

@@ -98,6 +98,16 @@ def read_feather(path: Path, columns: Mapping[str, Kind]) -> ArrowColumns:
         raise LogError(f"{path}: is no Feather file that can be read ({in_a_line(error)})") from error
 
 
+def feather_names(path: Path) -> list[str]:
+    """Return the names of a Feather file's columns; none where it cannot be read, which `read_feather` says."""
+    pa = arrow(path)
+    try:
+        with pa.OSFile(str(path)) as source:
+            return list(pa.ipc.open_file(source).schema.names)
+    except (pa.ArrowException, OSError, ValueError, MemoryError, OverflowError):
+        return []
+
+
 def feather_bytes(columns: Mapping[str, Any]) -> bytes:
     """Return a Feather file of columns, arrays of numbers or lists of texts, each as long as the others."""
     import pyarrow as pa

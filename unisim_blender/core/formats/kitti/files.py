@@ -42,14 +42,15 @@ class KittiCalibration:
 
 @dataclass(frozen=True)
 class BoxRecord:
-    """An annotated box at one frame: its centre's pose (4, 4) in the LiDAR's frame, x forward, and size (3,): length, width,
-    height."""
+    """A box at one frame: its centre's pose (4, 4) in the LiDAR's frame, x forward, and size (3,): length, width, height;
+    ``score``: a tracker's, None of a label."""
 
     uid: str
     label: str
     frame: int
     lidar_from_box: FloatArray
     size_m: FloatArray
+    score: float | None = None
 
 
 @dataclass

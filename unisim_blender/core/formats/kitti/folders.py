@@ -39,6 +39,7 @@ from .files import (
 NO_OBJECT = "DontCare"
 """Tracking labels mark parts of an image so that hold objects too far away to be annotated."""
 LABEL_WORDS = 17
+"""Number of values of a label; a tracker's result has its score after them."""
 CAMERA_FROM_UPRIGHT = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 """A box's axes (x forward, y left, z up) in the camera's (x right, y down, z forward) for rotation_y 0."""
 
@@ -81,6 +82,7 @@ def read_labels(path: Path, camera0_from_lidar: FloatArray) -> list[BoxRecord]:
     named: list[tuple[str, str, int]] = []
     rows: list[tuple[str, list[str]]] = []
     there: set[tuple[str, int]] = set()
+    scores: list[float | None] = []
     for line, text in numbered_lines(path):
         words, where = text.split(), f"line {line}"
         if len(words) < LABEL_WORDS:
@@ -97,6 +99,7 @@ def read_labels(path: Path, camera0_from_lidar: FloatArray) -> list[BoxRecord]:
         there.add((uid, frame))
         named.append((uid, words[2], frame))
         rows.append((where, words[10:LABEL_WORDS]))
+        scores.append(float(numbers(path, where, words[LABEL_WORDS:])[0]) if len(words) > LABEL_WORDS else None)
     height, width, length, x, y, z, turned = rows_of_numbers(path, rows).reshape(-1, LABEL_WORDS - 10).T
     check_angles(path, "a label's rotation_y", turned)
     sizes = np.stack([length, width, height], 1)
@@ -109,8 +112,8 @@ def read_labels(path: Path, camera0_from_lidar: FloatArray) -> list[BoxRecord]:
     poses = np.tile(np.eye(4), (len(rows), 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = about_y @ CAMERA_FROM_UPRIGHT, np.stack([x, y - height / 2, z], 1)
     return [
-        BoxRecord(*label, pose, size)
-        for label, pose, size in zip(named, invert_pose(camera0_from_lidar) @ poses, sizes, strict=True)
+        BoxRecord(*label, pose, size, score)
+        for label, pose, size, score in zip(named, invert_pose(camera0_from_lidar) @ poses, sizes, scores, strict=True)
     ]
 
 

@@ -17,13 +17,13 @@ from ...geometry import FloatArray, Trajectory, TrajectoryError, invert_pose, ma
 from ...sensors.lidar import column_azimuths
 from ...world.box_tracks import TrackedBoxes, actors_of_boxes
 from ...world.classes import KITTI
-from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
+from ...world.drive import Camera, CameraModel, Drive, Lidar, RollingShutter
 from ..common.file_log import FileLog, absent_frames
 from ..common.sensor_file import read_setup
 from . import VELODYNE, beside_tracking, tracking_sequence
 from .beams import assign_columns, assign_rings, point_times
-from .files import intrinsics, read_points
-from .folders import imu_poses, raw_files, tracking_files
+from .files import BoxRecord, intrinsics, read_points
+from .folders import imu_poses, raw_files, read_labels, tracking_files
 from .registration import LidarCalibration, find
 
 LIDAR = "velodyne"
@@ -73,11 +73,8 @@ class KittiLog(FileLog):
         if world_from_ego is None:
             raise LogError(f"{path}: has no poses (oxts), and no sweeps to find them by")
         frames = tuple(sorted(files.time_s))
-        lidars = (
-            {}
-            if calibration is None
-            else {LIDAR: self._lidar(calibration, world_from_ego.transformed(right=ego_from_lidar))}
-        )
+        self._calibration, self._world_from_lidar = calibration, world_from_ego.transformed(right=ego_from_lidar)
+        lidars = {} if calibration is None else {LIDAR: self._lidar(calibration, self._world_from_lidar)}
         self._beams = None if calibration is None else calibration.beams
         self.drive = Drive(
             name=files.name,
@@ -86,7 +83,7 @@ class KittiLog(FileLog):
             world_from_ego=world_from_ego,
             cameras=self._cameras(world_from_ego, ego_from_lidar),
             lidars=lidars,
-            actors=self._actors(world_from_ego.transformed(right=ego_from_lidar), calibration),
+            actors=actors_of_boxes(self.path, self._tracked(files.boxes)),
             world_origin=origin,
         )
         self.missing = tuple(self._what_is_missing(calibration))
@@ -209,24 +206,32 @@ class KittiLog(FileLog):
             )
         return cameras
 
-    def _actors(self, track: Trajectory, calibration: LidarCalibration | None) -> dict[str, Actor]:
-        """Actors of the boxes, each keyed when the beams passed its centre, and placed by where the sensor was then."""
-        files = self._files
-        boxes = sorted((box for box in files.boxes if box.frame in files.time_s), key=lambda box: box.frame)
-        if not boxes:
-            return {}
+    def _tracked(self, records: list[BoxRecord]) -> TrackedBoxes:
+        """Return boxes, each keyed when the beams passed its centre, and placed by where the sensor was then."""
+        files, calibration = self._files, self._calibration
+        boxes = sorted((box for box in records if box.frame in files.time_s), key=lambda box: box.frame)
         frame_times = np.array([files.time_s[box.frame] for box in boxes])
-        places = np.stack([box.lidar_from_box for box in boxes])
+        places = np.array([box.lidar_from_box for box in boxes]).reshape(-1, 4, 4)
         passed = frame_times.copy()
         swept = np.flatnonzero([calibration is not None and box.frame in files.turns for box in boxes])
         if calibration is not None and len(swept):
             start, forward, end = np.array([files.turns[boxes[at].frame] for at in swept]).T
             passed[swept] = point_times(places[swept, :3, 3], (start, forward, end), calibration.spin.direction)
         uids, labels = np.array([box.uid for box in boxes]), np.array([box.label for box in boxes])
-        sizes = np.stack([box.size_m for box in boxes])
-        return actors_of_boxes(
-            self.path, TrackedBoxes(uids, labels, frame_times, track.at(passed) @ places, sizes, passed)
+        sizes = np.array([box.size_m for box in boxes]).reshape(-1, 3)
+        scores = np.array([1.0 if box.score is None else box.score for box in boxes])
+        return TrackedBoxes(
+            uids, labels, frame_times, self._world_from_lidar.at(passed) @ places, sizes, passed, scores
         )
+
+    def boxes_of(self, path: Path) -> TrackedBoxes:
+        """Return the boxes of a file with labels or results of the tracking benchmark: in the first rectified camera's
+        frame. Raises `LogError`."""
+        records = read_labels(path, self._files.calibration.camera0_from_lidar)
+        if records and not any(box.frame in self._files.time_s for box in records):
+            frames = sorted({box.frame for box in records})
+            raise LogError(f"{path}: has frames {frames[0]} to {frames[-1]}, none of which {self.drive.name} has")
+        return self._tracked(records)
 
     def _what_is_missing(self, calibration: LidarCalibration | None) -> list[str]:
         files = self._files

@@ -21,7 +21,7 @@ from ...geometry import FloatArray, Trajectory, TrajectoryError
 from ...sensors import lidar as stated
 from ...world.box_tracks import TrackedBoxes, actors_of_boxes, passing_times
 from ...world.classes import NUSCENES
-from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
+from ...world.drive import Camera, CameraModel, Drive, Lidar, RollingShutter
 from ...world.own_rates import number_captures
 from ..common.file_log import FileLog
 from ..common.sensor_file import LidarSetup, LogSetup, read_setup, setup_path
@@ -36,7 +36,8 @@ from .columns import (
     read_columns,
     undone,
 )
-from .scene import LIDAR, NuScenesScene, SensorRows, read_scene
+from .results import read_results
+from .scene import LIDAR, BoxRows, NuScenesScene, SensorRows, read_scene
 
 BRIGHT = 255.0
 """The layout's intensities are from 0 to this."""
@@ -56,7 +57,7 @@ class NuscenesLog(FileLog):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         scene = read_scene(path)
-        sweeps = scene.sensors[LIDAR]
+        sweeps, self._samples = scene.sensors[LIDAR], scene.samples
         self._setup = _setup_of(scene)
         self._stated: LidarSetup | None = None if self._setup is None else self._setup.lidars.get(LIDAR)
         self._rings = RINGS if self._stated is None else self._stated.model.beams
@@ -83,7 +84,7 @@ class NuscenesLog(FileLog):
             world_from_ego=ego,
             cameras=cameras,
             lidars={} if lidar is None else {LIDAR: lidar},
-            actors=self._actors(scene, origin, lidar),
+            actors=actors_of_boxes(scene.tables / "sample_annotation.json", self._tracked(scene.boxes, origin, lidar)),
             world_origin=origin,
         )
         self.missing = tuple(_what_is_missing(scene))
@@ -223,19 +224,18 @@ class NuscenesLog(FileLog):
         model = CameraModel(rows.width, rows.height, k[0, 0], k[1, 1], k[0, 2] + 0.5, k[1, 2] + 0.5, shutter)
         return Camera(name, model, ego.transformed(right=rows.ego_from_sensor), numbers)
 
-    def _actors(self, scene: NuScenesScene, origin: FloatArray, lidar: Lidar | None) -> dict[str, Actor]:
-        """Actors of the boxes, each keyed when the beams of its key frame's sweep passed it."""
-        boxes = scene.boxes
-        if not boxes.uid:
-            return {}
-        poses = np.stack(boxes.pose)
+    def _tracked(self, boxes: BoxRows, origin: FloatArray, lidar: Lidar | None) -> TrackedBoxes:
+        """Return boxes, each keyed when the beams of its key frame's sweep passed it."""
+        poses = np.array(boxes.pose).reshape(-1, 4, 4)
         poses[:, :3, 3] -= origin
         frame_times = np.array([self._seconds(stamp) for stamp in boxes.stamp_us])
         keys = frame_times if lidar is None else passing_times(lidar, poses[:, :3, 3], frame_times)
-        tracked = TrackedBoxes(
-            np.array(boxes.uid), np.array(boxes.label), frame_times, poses, np.stack(boxes.size_m), keys
-        )
-        return actors_of_boxes(scene.tables / "sample_annotation.json", tracked)
+        sizes, score = np.array(boxes.size_m).reshape(-1, 3), np.array(boxes.score) if boxes.score else None
+        return TrackedBoxes(np.array(boxes.uid), np.array(boxes.label), frame_times, poses, sizes, keys, score)
+
+    def boxes_of(self, path: Path) -> TrackedBoxes:
+        """Return the boxes of a file with results of the detection or tracking benchmark. Raises `LogError`."""
+        return self._tracked(read_results(path, self._samples), self.drive.world_origin, self.drive.lidars.get(LIDAR))
 
 
 def _setup_of(scene: NuScenesScene) -> LogSetup | None:

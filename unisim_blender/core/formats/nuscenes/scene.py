@@ -47,18 +47,20 @@ class SensorRows:
 @dataclass
 class BoxRows:
     """Boxes of key frames, N: track, class (N,) texts, when their sample was taken (N,), pose (N, 4, 4) in the map's frame, size
-    (N, 3): length, width, height."""
+    (N, 3): length, width, height; score (N,) of results, of annotations none."""
 
     uid: list[str] = field(default_factory=list)
     label: list[str] = field(default_factory=list)
     stamp_us: list[int] = field(default_factory=list)
     pose: list[FloatArray] = field(default_factory=list)
     size_m: list[FloatArray] = field(default_factory=list)
+    score: list[float] = field(default_factory=list)
 
 
 @dataclass
 class NuScenesScene:
-    """A scene; the vehicle's poses (T, 4, 4) in the map's frame at ``pose_stamps_us`` (T,), in order."""
+    """A scene; the vehicle's poses (T, 4, 4) in the map's frame at ``pose_stamps_us`` (T,), in order; the times of
+    ``samples``, microseconds, by their tokens."""
 
     name: str
     description: str
@@ -66,6 +68,7 @@ class NuScenesScene:
     sensors: dict[str, SensorRows]
     pose_stamps_us: NDArray[np.int64]
     poses: FloatArray
+    samples: dict[str, int]
     boxes: BoxRows
 
 
@@ -91,7 +94,8 @@ def read_scene(path: Path) -> NuScenesScene:
     used = {row.key("ego_pose_token").text() for parts in captures.values() for row in parts}
     stamps, poses = _poses(by_token(tables / "ego_pose.json", used))
     sensors = {channel: _sensor(root, channel, parts, mounts) for channel, parts in sorted(captures.items())}
-    return NuScenesScene(name, description, tables, sensors, stamps, poses, _boxes(tables, samples))
+    taken = {token: row.key("timestamp").integer(at_least=0) for token, row in samples.items()}
+    return NuScenesScene(name, description, tables, sensors, stamps, poses, taken, _boxes(tables, taken))
 
 
 def _chosen(path: Path, folders: Collection[Path], file: str) -> tuple[Path, Node]:
@@ -173,15 +177,14 @@ def _intrinsics(node: Node) -> FloatArray:
     return values
 
 
-def _boxes(tables: Path, samples: dict[str, Node]) -> BoxRows:
+def _boxes(tables: Path, stamps: dict[str, int]) -> BoxRows:
     boxes = BoxRows()
-    annotations = list(rows(tables / "sample_annotation.json", "sample_token", samples))
+    annotations = list(rows(tables / "sample_annotation.json", "sample_token", stamps))
     instances = by_token(tables / "instance.json", {row.key("instance_token").text() for row in annotations})
     categories = by_token(tables / "category.json", {row.key("category_token").text() for row in instances.values()})
     labels = {
         token: categories[row.key("category_token").text()].key("name").text() for token, row in instances.items()
     }
-    stamps = {token: row.key("timestamp").integer(at_least=0) for token, row in samples.items()}
     for row in sorted(annotations, key=lambda row: stamps[row.key("sample_token").text()]):
         width, length, height = row.key("size").array(3)
         if not min(width, length, height) > 0:

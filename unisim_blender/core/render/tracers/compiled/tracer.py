@@ -58,8 +58,8 @@ class _BoxTrajectories:
         """``rows``: the actors' appearances; none for boxes of static space."""
         self.scene, self.count = scene, len(actors)
         gaits, rows = scene.gaits, list(rows)
-        self.bounds = Bounds(actors)
         keys = PaddedKeys.of(actors)
+        self.bounds = Bounds(actors, keys)
         self.keys = keys.times_s.shape[1]
         scales = floats(np.array([a.scale for a in actors]).reshape(-1, 3))
         self.arrays: dict[str, NDArray[Any]] = {

@@ -1,0 +1,147 @@
+"""Doubtful places of tracks: where a person should look, whatever made the boxes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..geometry import FloatArray
+from ..world.classes import motion_of
+from ..world.drive import Actor
+from .box_file import Track
+
+JUMP_M = 0.6
+"""Distance, metres, of a key from where its neighbours' motion puts it, above which it is a jump."""
+GAP = 2.6
+"""Time between two keys of a moving actor, relative to the usual one, above which it is a gap."""
+OVERLAP = 0.15
+"""Common area of two boxes, relative to the smaller one."""
+FASTEST_M_S = {"deforming": 4.5, "rigid": 45.0}
+TURNING_RAD_S = 1.2
+SIDEWAYS = math.radians(25)
+"""Angle between heading and motion of a vehicle."""
+SIZES_M = {"deforming": ((0.2, 0.2, 0.6), (2.5, 1.6, 2.4)), "rigid": ((1.0, 0.4, 0.8), (25.0, 3.6, 4.6))}
+UNCERTAIN = 0.35
+NEAR_S = 0.75
+"""Places of one kind of one track that are closer in time are one."""
+
+
+@dataclass(frozen=True)
+class DoubtfulPlace:
+    """A place of a track to look at: ``kind`` is "jump", "gap", "overlap", "speed", "turn", "sideways", "size" or
+    "uncertain"; ``value`` is what is doubtful, in the unit of the kind (m, s, share of an area, m/s, rad/s, rad, m, 0..1);
+    ``other`` the second box of an overlap."""
+
+    uid: str
+    time_s: float
+    kind: str
+    value: float
+    other: str = ""
+
+
+def doubtful_places(
+    tracks: Sequence[Track], times_s: FloatArray, certainty: Mapping[str, tuple[FloatArray, FloatArray]] | None = None
+) -> tuple[DoubtfulPlace, ...]:
+    """Return the doubtful places of tracks, in order of tracks and times. Overlaps are looked for at ``times_s`` (F,);
+    ``certainty``: times (T,) and certainty (T,) along tracks, by id, where it is known."""
+    places = [place for track in tracks for place in _of_track(track)]
+    for uid, (times, values) in (certainty or {}).items():
+        low = np.flatnonzero(values < UNCERTAIN)
+        places += _merged(uid, "uncertain", times[low], -values[low])
+    places += _overlaps([track.actor for track in tracks], times_s)
+    order = {track.actor.uid: n for n, track in enumerate(tracks)}
+    return tuple(sorted(places, key=lambda place: (order[place.uid], place.time_s, place.kind)))
+
+
+def _of_track(track: Track) -> list[DoubtfulPlace]:
+    actor, path = track.actor, track.actor.world_from_actor
+    kind = "deforming" if motion_of(actor.label) == "deforming" else "rigid"
+    uid, places = actor.uid, []
+    low, high = SIZES_M[kind]
+    beyond = np.maximum(np.subtract(low, actor.size_m), np.subtract(actor.size_m, high))
+    if (beyond > 0).any() and motion_of(actor.label) != "still":
+        axis = int(beyond.argmax())
+        places.append(DoubtfulPlace(uid, float(path.times_s[0]), "size", float(actor.size_m[axis])))
+    if not actor.is_moving or len(path.times_s) < 3:
+        return places
+    times, at = path.times_s, path.positions
+    dt = np.diff(times)
+    velocity = np.diff(at, axis=0) / dt[:, None]
+    speed, middle = np.linalg.norm(velocity[:, :2], axis=1), (times[1:] + times[:-1]) / 2
+    share = dt[:-1] / (dt[:-1] + dt[1:])
+    off = np.linalg.norm(at[1:-1] - (at[:-2] + share[:, None] * (at[2:] - at[:-2])), axis=1)
+    limit = JUMP_M + 2.0 * dt[:-1] * dt[1:]  # what braking and turning explain
+    places += _merged(uid, "jump", times[1:-1][off > limit], off[off > limit])
+    gaps = dt > GAP * np.median(dt)
+    places += _merged(uid, "gap", middle[gaps], dt[gaps])
+    fast = speed > FASTEST_M_S[kind]
+    places += _merged(uid, "speed", middle[fast], speed[fast])
+    if kind == "rigid":
+        x, y = path.poses[:, 0, 0], path.poses[:, 1, 0]
+        heading = np.unwrap(np.arctan2(y, x))
+        rate = np.abs(np.diff(heading)) / dt
+        fast = rate > TURNING_RAD_S
+        places += _merged(uid, "turn", middle[fast], rate[fast])
+        angle = np.arctan2(velocity[:, 1], velocity[:, 0]) - (heading[1:] + heading[:-1]) / 2
+        angle = np.abs((angle + np.pi / 2) % np.pi - np.pi / 2)  # backwards is none
+        aside = (angle > SIDEWAYS) & (speed > 2.0)
+        places += _merged(uid, "sideways", middle[aside], angle[aside])
+    return places
+
+
+def _merged(uid: str, kind: str, times: FloatArray, values: FloatArray) -> list[DoubtfulPlace]:
+    """Return the worst place of each run of places of a kind."""
+    if not len(times):
+        return []
+    runs = np.split(np.arange(len(times)), np.flatnonzero(np.diff(times) > NEAR_S) + 1)
+    worst = [run[int(values[run].argmax())] for run in runs]
+    return [DoubtfulPlace(uid, float(times[n]), kind, abs(float(values[n]))) for n in worst]
+
+
+def _overlaps(actors: Sequence[Actor], times_s: FloatArray) -> list[DoubtfulPlace]:
+    """Return where two boxes are in one place, a place a pair."""
+    worst: dict[tuple[str, str], tuple[float, float]] = {}
+    for time in np.asarray(times_s).tolist():
+        there = [actor for actor in actors if actor.present(time)]
+        if len(there) < 2:
+            continue
+        poses = np.array([actor.world_from_actor.at(time) for actor in there])
+        radius = np.array([float(np.linalg.norm(actor.size_m[:2])) / 2 for actor in there])
+        for a in range(len(there) - 1):
+            apart = np.linalg.norm(poses[a + 1 :, :2, 3] - poses[a, :2, 3], axis=1)
+            for b in (a + 1 + np.flatnonzero(apart < radius[a] + radius[a + 1 :])).tolist():
+                share = _common_share(poses[a], there[a].size_m, poses[b], there[b].size_m)
+                pair = there[a].uid, there[b].uid
+                if share > max(OVERLAP, worst.get(pair, (0.0, 0.0))[0]):
+                    worst[pair] = share, time
+    return [DoubtfulPlace(a, time, "overlap", share, b) for (a, b), (share, time) in worst.items()]
+
+
+def _common_share(pose: FloatArray, size: FloatArray, other: FloatArray, other_size: FloatArray) -> float:
+    """Return the area that is common to two boxes seen from above, relative to the smaller one; 0 where they lie above
+    each other."""
+    if abs(pose[2, 3] - other[2, 3]) > (size[2] + other_size[2]) / 2:
+        return 0.0
+    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) / 2
+    ring = [(pose[:2, :2] @ (corner * size[:2]) + pose[:2, 3]) for corner in corners]
+    turn = other[:2, :2].T
+    polygon = [(turn @ (point - other[:2, 3])).tolist() for point in ring]
+    for axis in range(2):  # clipped at the other box's sides (Sutherland and Hodgman, 1974)
+        for sign in (1.0, -1.0):
+            limit, clipped = other_size[axis] / 2, []
+            for before, point in zip(polygon[-1:] + polygon[:-1], polygon, strict=True):
+                a, b = limit - sign * before[axis], limit - sign * point[axis]
+                if (a >= 0) != (b >= 0):
+                    part = a / (a - b)
+                    clipped.append([u + part * (v - u) for u, v in zip(before, point, strict=True)])
+                if b >= 0:
+                    clipped.append(point)
+            polygon = clipped
+            if not polygon:
+                return 0.0
+    x, y = np.array(polygon).T
+    area = abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) / 2
+    return area / min(float(np.prod(size[:2])), float(np.prod(other_size[:2])))
