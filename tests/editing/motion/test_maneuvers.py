@@ -82,7 +82,9 @@ def test_nothing_of_a_maneuver_is_implausible(at: float) -> None:
             assert [text for text in warnings(now, "new") if "overlaps" not in text] == [], (side, gap)
     for speed in (1.0, 1.4, 3.0):
         for side in ("left", "right"):
-            assert only("cross", "walker", at + 3, side=side, speed_m_s=speed, gap_m=8.0) == []
+            told = only("cross", "walker", at + 3, side=side, speed_m_s=speed, gap_m=8.0)
+            # it stands and waits, which nobody recorded of it
+            assert [text for text in told if "its pose is extrapolated" not in text] == []
     assert only("cut_in", "near", at, gap_s=1.0) == []
 
 
