@@ -21,6 +21,7 @@ USUAL_M = {
 VEHICLES = ("Car", "Truck", "Bus")
 """Classes that go where they look."""
 VOXEL_M = 0.2
+TOO_WIDE = 1.6
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,8 @@ class Shape:
     size_m: FloatArray
     middle: FloatArray
     seen: float
-    """The smaller part of the usual length and width that returns cover."""
+    """The part of the usual width that returns cover across the way: little of a piece of a wall, along which a false track
+    slides; 0.25 of what is far too wide."""
 
 
 def supported(points: FloatArray, sweep: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -67,7 +69,7 @@ def shape_of(points: FloatArray, origins: FloatArray, speed: float) -> Shape:
     label = class_of(length, width, top, speed)
     usual = USUAL_M[label]
     size, middle = np.zeros(3), np.zeros(3)
-    seen = min(length / usual[0], width / usual[1])
+    seen = width / usual[1] if width < TOO_WIDE * usual[1] else 0.25
     for axis in (0, 1):
         low, high = ends[axis]
         half = max(high - low, usual[axis]) / 2
