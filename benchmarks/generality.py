@@ -19,7 +19,6 @@ from typing import Any
 
 import click
 
-from unisim_blender.core.evaluation.shifts import per_metre
 from unisim_blender.core.progress import Bar
 
 STREETS = ("straight:1", "night:2", "curve:3", "crossing:4", "curve:6", "night:7")
@@ -103,10 +102,10 @@ def measured(unisim: str, preset: str, log: Path, is_street: bool, plan: Plan, v
         row[name] = truth["camera"]["edit"]["psnr_db"]
     if plan.detector is not None:
         asked = ["eval", scene, log, "--shifts", "--detector", plan.detector, *sizes]
-        curves = document(folder / "shifts" / "shifts.json", unisim, asked, output)["curves"]
-        images: dict[str, Any] = next((rows for title, rows in curves.items() if title.startswith("camera")), {})
+        slopes = document(folder / "shifts" / "shifts.json", unisim, asked, output)["lost_per_metre"]
+        images: dict[str, Any] = next((rows for title, rows in slopes.items() if title.startswith("camera")), {})
         for name, key in (("scene", "lost"), ("truth", "lost_truth")):
-            if name in images and (slope := per_metre(images[name])) is not None:
+            if name in images and (slope := images[name]["value"]) is not None:
                 row[key] = 100 * slope
     return row
 

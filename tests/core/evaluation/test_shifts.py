@@ -18,9 +18,9 @@ from unisim_blender.core.evaluation.shift_recall import (
     Recall,
     label_image,
     label_sweep,
+    lost_per_metre,
     returns_of,
 )
-from unisim_blender.core.evaluation.shifts import per_metre
 from unisim_blender.core.formats.readers import open_log
 from unisim_street.street import build_street
 from unisim_street.truth import truth_camera
@@ -66,7 +66,7 @@ def test_recall_by_hand() -> None:
     recorded.add(("front", 0), labels, _seen(labels, 0.9, 0.8, 0.7), "vehicle", "image", ("Car",))
     nothing_there = np.array([[90.0, 90, 99, 99]]), np.array([0.3]), ["vehicle"]
     recorded.add(("front", 1), labels, nothing_there, "vehicle", "image", ("Car",))
-    assert recorded.false_alarms == [0.3], "a detection of what is ignored is none"
+    assert recorded.false_alarms == {("front", 0): [], ("front", 1): [0.3]}, "a detection of what is ignored is none"
     assert recorded.scores == {(("front", 0), "a"): 0.9, (("front", 0), "b"): 0.8} | {
         (("front", 1), uid): -np.inf for uid in "ab"
     }
@@ -93,9 +93,26 @@ def test_intervals_are_of_actors_and_not_of_frames() -> None:
 
 
 def test_loss_per_metre_is_the_slope() -> None:
-    row = {f"{shift:+g}": {"lost": {"value": 0.1 + 0.05 * abs(shift), "labels": 10}} for shift in (-3, -1, 0, 2)}
-    assert per_metre(row) == pytest.approx(0.05)
-    assert per_metre({"+0": row["+0"]}) is None
+    """Of each of twenty actors a twentieth of the frames more is lost for each metre: none of the recorded ones is."""
+    labels, row = _labels(*(f"car-{i}" for i in range(20))), {}
+    recorded = Recall()
+    for shift in (-3.0, -1.0, 0.0, 2.0):
+        row[shift] = Recall()
+        for frame in range(20):
+            lost = 1 + abs(shift)
+            seen = [None if (frame + i) % 20 < lost else 0.9 for i in range(20)]
+            row[shift].add(("front", frame), labels, _seen(labels, *seen), "vehicle", "image", ("Car",))
+            recorded.add(("front", frame), labels, _seen(labels, *[0.9] * 20), "vehicle", "image", ("Car",))
+    slope = lost_per_metre(row, 0.5, recorded)
+    assert slope["value"] == pytest.approx(0.05) and slope["interval"] == pytest.approx([0.05, 0.05])
+    x, y = np.repeat(np.abs(list(row)), 400), []
+    row[2.0].scores = {key: 0.9 if key[1] < "car-15" else -np.inf for key in row[2.0].scores}
+    for recall in row.values():
+        y += [1.0 - (score > 0.5) for score in recall.scores.values()]
+    slope = lost_per_metre(row, 0.5, recorded)
+    assert slope["value"] == pytest.approx(np.polyfit(x, y, 1)[0]), "least squares over labels"
+    assert slope["interval"][0] < slope["value"] - 0.01 and slope["interval"][1] > slope["value"] + 0.01
+    assert lost_per_metre({0.0: row[0.0]}, 0.5, recorded)["value"] is None
 
 
 def test_labels_of_an_image_are_where_its_actors_are(tmp_path: Path) -> None:
@@ -172,8 +189,10 @@ def test_the_command_measures_scene_surfels_and_truth(tmp_path: Path, monkeypatc
     )
     assert result.exit_code == 0, result.output
     (curve,) = json.loads((tmp_path / "out/shifts.json").read_text())["curves"].values()
-    assert list(curve) == ["recorded", "scene", "surfel", "truth"] and list(curve["recorded"]) == ["+0"]
-    assert all(list(curve[name]) == ["-3", "-2", "-1", "+0", "+1", "+2", "+3"] for name in ("scene", "surfel", "truth"))
+    assert list(curve) == ["recorded", "scene", "surfel", "truth"]
+    assert all(list(row) == ["-3", "-2", "-1", "+0", "+1", "+2", "+3"] for row in curve.values())
+    for shift, at in curve["recorded"].items():
+        assert {row[shift]["frames"] for row in curve.values()} == {at["frames"]}, "rows look at the same frames"
     recorded, truth = curve["recorded"]["+0"], curve["truth"]["+0"]
     assert recorded["labels"] == truth["labels"] >= 4 and recorded["recall"]["value"] > 0.3
     assert abs(truth["lost"]["value"]) < 0.3, "the true image at no shift is the recorded one, but for JPEG"

@@ -5,7 +5,7 @@ Intervals are of resampled actors: frames of one actor are alike.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any, Protocol
@@ -63,12 +63,11 @@ class LabelledFrame:
 
 @dataclass
 class Recall:
-    """What a detector saw of one class at one shift: the score (-inf: none) of each label that counts by frame and uid, the
-    scores of detections of nothing, and the number of frames."""
+    """What a detector saw of one class at one shift: the score (-inf: none) of each label that counts by frame and uid, and
+    by frame the scores of detections of nothing."""
 
     scores: dict[LabelKey, float] = field(default_factory=dict)
-    false_alarms: list[float] = field(default_factory=list)
-    frames: int = 0
+    false_alarms: dict[FrameOfSensor, list[float]] = field(default_factory=dict)
 
     def add(
         self,
@@ -90,13 +89,22 @@ class Recall:
         best = dict.fromkeys((i for i in range(len(uids)) if not ignored[i]), -np.inf)
         best |= {int(label): float(score) for label, score in zip(matched, scores, strict=True) if label >= 0}
         self.scores |= {(frame, uids[i]): score for i, score in best.items()}
-        self.false_alarms += scores[matched == -1].tolist()
-        self.frames += 1
+        self.false_alarms[frame] = scores[matched == -1].tolist()
+
+    def of_frames(self, frames: Collection[int]) -> Recall:
+        """Return what was seen in frames of these numbers alone."""
+        return Recall(
+            {key: score for key, score in self.scores.items() if key[0][1] in frames},
+            {frame: scores for frame, scores in self.false_alarms.items() if frame[1] in frames},
+        )
+
+    def _false_scores(self) -> list[float]:
+        return [score for scores in self.false_alarms.values() for score in scores]
 
     def least_score(self) -> float:
         """Return the score of the best F1; inf where nothing is found."""
         found = [score for score in self.scores.values() if np.isfinite(score)]
-        scores = np.array(found + self.false_alarms)
+        scores = np.array(found + self._false_scores())
         hit = np.arange(len(scores)) < len(found)
         order = np.argsort(-scores, kind="stable")
         labels = np.array([float(len(self.scores))])
@@ -108,27 +116,54 @@ class Recall:
         metrics: dict[str, Any] = {
             "labels": len(self.scores),
             "actors": len({uid for _, uid in self.scores}),
-            "frames": self.frames,
-            "false_alarms": _ratio(sum(score >= least for score in self.false_alarms), self.frames),
+            "frames": len(self.false_alarms),
+            "false_alarms": _ratio(sum(score >= least for score in self._false_scores()), len(self.false_alarms)),
         }
-        metrics["recall"] = _resampled(self.scores, lambda key: float(self.scores[key] >= least))
-        both = [key for key in self.scores if key in recorded.scores]
-        lost = _resampled(both, lambda key: float(recorded.scores[key] >= least) - float(self.scores[key] >= least))
-        return {**metrics, "lost": {"labels": len(both), **lost}}
+        metrics["recall"] = _resampled(_by_actor((key, score >= least) for key, score in self.scores.items()))
+        lost = self._lost(least, recorded)
+        return {**metrics, "lost": {"labels": sum(map(len, lost.values())), **_resampled(lost)}}
+
+    def _lost(self, least: float, recorded: Recall) -> dict[str, list[float]]:
+        """By actor, for each label of both: 1 where the recorded frame's alone is seen, -1 where it alone is not."""
+        both = ((key, recorded.scores[key], score) for key, score in self.scores.items() if key in recorded.scores)
+        return _by_actor((key, float(before >= least) - float(score >= least)) for key, before, score in both)
+
+
+def lost_per_metre(row: Mapping[float, Recall], least: float, recorded: Recall) -> dict[str, Any]:
+    """Return how much recall of the same labels is lost for each metre beside the path, the least squares' slope over a row's
+    shifts, with the interval of resampled actors; None where there are fewer than two distances."""
+    lost = [recall._lost(least, recorded) for recall in row.values()]
+    uids = sorted({uid for by_actor in lost for uid in by_actor})
+    total, count = (
+        np.array([[reduce(by_actor.get(uid, ())) for by_actor in lost] for uid in uids]) for reduce in (sum, len)
+    )
+    x = np.abs(np.array(list(row)))
+    if not uids or len(set(x[count.sum(0) > 0])) < 2:
+        return {"value": None, "interval": [None, None]}
+    drawn = np.concatenate([np.ones((1, len(uids))), resampled_weights(len(uids), RESAMPLES, SEED)])
+    w, wy = drawn @ count, drawn @ total  # labels at each shift, and the sums of what is lost
+    off = x - (w @ x / w.sum(1))[:, None]
+    with np.errstate(invalid="ignore"):  # actors that are drawn may have labels at one distance alone
+        slopes = (off * wy).sum(1) / (off**2 * w).sum(1)
+    return {"value": float(slopes[0]), "interval": list(interval(slopes[1:]))}
+
+
+def _by_actor(values: Iterable[tuple[LabelKey, float]]) -> dict[str, list[float]]:
+    out: dict[str, list[float]] = {}
+    for key, value in values:
+        out.setdefault(key[1], []).append(value)
+    return out
 
 
 def _ratio(part: float, whole: float) -> float | None:
     return part / whole if whole else None
 
 
-def _resampled(keys: Iterable[LabelKey], value: Callable[[LabelKey], float]) -> dict[str, Any]:
-    """The mean of values of labels, and the middle 95 % of it over resampled actors; None where there are none."""
-    sums: dict[str, list[float]] = {}
-    for key in keys:
-        sums.setdefault(key[1], []).append(value(key))
-    if not sums:
+def _resampled(values: Mapping[str, list[float]]) -> dict[str, Any]:
+    """The mean of labels' values, by actor, and the middle 95 % of it over resampled actors; None where there are none."""
+    if not values:
         return {"value": None, "interval": [None, None]}
-    total, count = (np.array([reduce(values) for values in sums.values()], np.float64) for reduce in (sum, len))
+    total, count = (np.array([reduce(of_actor) for of_actor in values.values()], np.float64) for reduce in (sum, len))
     weights = resampled_weights(len(total), RESAMPLES, SEED)
     return {
         "value": float(total.sum() / count.sum()),

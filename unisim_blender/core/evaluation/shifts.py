@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -44,7 +44,7 @@ from .ground_truth import KnownLog, known_log
 from .images import CaptionedImage, write_contact_sheet
 from .recorded import TimedRenderer
 from .recorded_runs import EvaluationOptions, Progress, trained_frames
-from .shift_recall import LabelledFrame, Recall, ShiftDetector, label_image, label_sweep, returns_of
+from .shift_recall import LabelledFrame, Recall, ShiftDetector, label_image, label_sweep, lost_per_metre, returns_of
 
 SHIFTS_M = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
 """To the left."""
@@ -121,8 +121,8 @@ def shift_curve(
     document: dict[str, Any] = {}
     for name, row in rows.items():
         recalls[name] = run.measure(name, row(), progress)
-        document = {**about, "curves": curves(recalls)}
-        write_file(out / "shifts.md", ("\n".join(tables(document["curves"])) + "\n").encode())
+        document = {**about, **curves(recalls, run.clear)}
+        write_file(out / "shifts.md", ("\n".join(tables(document)) + "\n").encode())
         if run.views:
             write_contact_sheet(out / "views.png", list(run.views.values()))
         write_plot(out / "shifts.png", document["curves"])
@@ -140,7 +140,8 @@ def _scenario(out: Path, log: Path, shift_m: float) -> Path:
 
 @dataclass
 class ShiftRun:
-    """What rows of a curve have in common. ``views``: the views of the frame in the middle, by row."""
+    """What rows of a curve have in common. ``clear``: the frames that are looked at, by shift, those in which the vehicle
+    stands in no actor; ``views``: the views of the frame in the middle, by row."""
 
     log: Log
     detector: ShiftDetector
@@ -150,8 +151,13 @@ class ShiftRun:
     frames: tuple[int, ...]
     scenarios: Mapping[float, Path]
     views: dict[str, list[CaptionedImage]] = field(default_factory=dict)
+    clear: dict[float, tuple[int, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        for shift, path in self.scenarios.items():
+            drive = prepare_scenario(path, refined=False).edited
+            clear = spread_frames(drive, len(drive.frames), drive.frames)
+            self.clear[shift] = tuple(frame for frame in self.frames if frame in clear)
         self._returns = {frame: returns_of(self.log, self.lidars, frame) for frame in self.frames}
         if not hasattr(self.detector, "in_image"):
             self.cameras = ()
@@ -226,17 +232,16 @@ class ShiftRun:
         return model if self.width is None else model.resized(self.width)
 
     def measure(self, name: str, row: ShiftRow, progress: Progress) -> dict[Key, Recall]:
-        """Detect in all frames of a row in which the vehicle stands in no actor."""
+        """Detect in a row's clear frames; in all frames that were recorded."""
         recalls: dict[Key, Recall] = {}
         made: tuple[float, ShiftedSensors] | None = None
-        jobs = [(shift, frame) for shift in sorted(row) for frame in self.frames]
+        frames = {0.0: self.frames} if name == RECORDED else self.clear
+        jobs = [(shift, frame) for shift in sorted(row) for frame in frames[shift]]
         for index in progress(range(len(jobs)), name):
             shift, frame = jobs[index]
             if made is None or made[0] != shift:
                 made = shift, row[shift]()
-                free = spread_frames(made[1].drive, len(made[1].drive.frames), made[1].drive.frames)
-            if frame in free:
-                self._detect(name, shift, frame, made[1], recalls)
+            self._detect(name, shift, frame, made[1], recalls)
         return recalls
 
     def _detect(self, name: str, shift: float, frame: int, shown: ShiftedSensors, recalls: dict[Key, Recall]) -> None:
@@ -283,41 +288,39 @@ def _outlined(rgb: NDArray[np.uint8], boxes: FloatArray) -> NDArray[np.uint8]:
     return out
 
 
-def curves(recalls: Mapping[str, Mapping[Key, Recall]]) -> dict[str, dict[str, dict[str, Any]]]:
-    """Metrics by sensor and class, row, and shift. The least score is that of the best F1 in recorded frames."""
-    out: dict[str, dict[str, dict[str, Any]]] = {}
+def curves(recalls: Mapping[str, Mapping[Key, Recall]], clear: Mapping[float, Collection[int]]) -> dict[str, Any]:
+    """Return ``curves``, metrics by sensor and class, row, and shift, and ``lost_per_metre`` by the former two.
+
+    The least score is that of the best F1 in recorded frames. At a shift, what was recorded is of the same frames as all
+    else, those in ``clear``.
+    """
+    metrics: dict[str, dict[str, dict[str, Any]]] = {}
+    slopes: dict[str, dict[str, dict[str, Any]]] = {}
     for (kind, group, _), recorded in recalls[RECORDED].items():
-        least = recorded.least_score()
+        least, title = recorded.least_score(), f"{kind}, {group}"
         for name, row in recalls.items():
-            points = {shift: r for (k, g, shift), r in row.items() if (k, g) == (kind, group)}
-            out.setdefault(f"{kind}, {group}", {})[name] = {
-                f"{shift:+g}": recall.metrics(least, recorded) for shift, recall in sorted(points.items())
-            }
-    return out
+            points = {shift: r for (k, g, shift), r in sorted(row.items()) if (k, g) == (kind, group)}
+            if name == RECORDED:
+                points = {shift: recorded.of_frames(frames) for shift, frames in sorted(clear.items())}
+            else:
+                slopes.setdefault(title, {})[name] = lost_per_metre(points, least, recorded)
+            at = {f"{shift:+g}": recall.metrics(least, recorded) for shift, recall in points.items()}
+            metrics.setdefault(title, {})[name] = at
+    return {"curves": metrics, "lost_per_metre": slopes}
 
 
-def per_metre(row: Mapping[str, Any]) -> float | None:
-    """Return how much recall of the same labels is lost for each metre beside the path: the least squares' slope."""
-    points = [(abs(float(shift)), at["lost"]["value"], at["lost"]["labels"]) for shift, at in row.items()]
-    x, y, w = np.array([point for point in points if point[1] is not None], np.float64).reshape(-1, 3).T
-    if len(set(x.tolist())) < 2:
-        return None
-    x_mean, y_mean = np.average(x, weights=w), np.average(y, weights=w)
-    return float((w * (x - x_mean) * (y - y_mean)).sum() / (w * (x - x_mean) ** 2).sum())
-
-
-def tables(curves: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> list[str]:
-    """Return the curves as tables in Markdown: recall, its interval, false alarms a frame, and what is lost a metre."""
+def tables(document: Mapping[str, Any]) -> list[str]:
+    """Return curves as tables in Markdown: recall, its interval, false alarms a frame, and what is lost a metre."""
     lines: list[str] = []
-    for title, rows in curves.items():
+    for title, rows in document["curves"].items():
         shifts = sorted({shift for row in rows.values() for shift in row}, key=float)
         lines += [f"{title}: recall, % (95 % of resampled actors), false alarms a frame", ""]
         lines += ["| | " + " | ".join(f"{shift} m" for shift in shifts) + " | lost a metre |"]
         lines += ["|---" * (len(shifts) + 2) + "|"]
         for name, row in rows.items():
-            slope = per_metre(row)
-            cells = [_cell(row.get(shift)) for shift in shifts]
-            lines.append(f"| {name} | " + " | ".join(cells) + f" | {'' if slope is None else f'{100 * slope:.1f}'} |")
+            lost = document["lost_per_metre"].get(title, {}).get(name)
+            cells = [*(_cell(row.get(shift)) for shift in shifts), _percent(lost, 1)]
+            lines.append(f"| {name} | " + " | ".join(cells) + " |")
         lines.append("")
     return lines
 
@@ -325,8 +328,15 @@ def tables(curves: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> list[str]:
 def _cell(at: Mapping[str, Any] | None) -> str:
     if at is None or at["recall"]["value"] is None:
         return ""
-    low, high = at["recall"]["interval"]
-    return f"{100 * at['recall']['value']:.0f} ({100 * low:.0f} … {100 * high:.0f}), {at['false_alarms']:.1f}"
+    return f"{_percent(at['recall'], 0)}, {at['false_alarms']:.1f}"
+
+
+def _percent(of: Mapping[str, Any] | None, digits: int) -> str:
+    """Return a share and its interval in per cent; "" where there is none."""
+    if of is None or of["value"] is None:
+        return ""
+    value, low, high = (f"{100 * part:.{digits}f}" for part in (of["value"], *of["interval"]))
+    return f"{value} ({low} … {high})"
 
 
 def write_plot(path: Path, curves: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> None:
@@ -342,7 +352,7 @@ def write_plot(path: Path, curves: Mapping[str, Mapping[str, Mapping[str, Any]]]
             points = [(float(shift), at["recall"]) for shift, at in row.items() if at["recall"]["value"] is not None]
             x, y = [shift for shift, _ in points], [100 * recall["value"] for _, recall in points]
             low, high = ([100 * recall["interval"][end] for _, recall in points] for end in (0, 1))
-            line = "ko" if name == RECORDED else f"C{colour}o{'--' if name == TRUTH else '-'}"
+            line = "ko:" if name == RECORDED else f"C{colour}o{'--' if name == TRUTH else '-'}"
             axes.plot(x, y, line, markersize=4, label=name)
             axes.fill_between(x, low, high, color=f"C{colour}", alpha=0.1)
         axes.set(xlabel="metres to the left of the path", ylabel="recall, %", title=title, ylim=(0, 102))

@@ -64,7 +64,7 @@ def command(
             raise click.UsageError("--shifts takes a trained scene and a log")
         chosen = ShiftOptions(detector or "", split_names(beside) or ())
         document = shift_curve(*paths, out, options, chosen, _progress)
-        click.echo("\n".join(tables(document["curves"])))
+        click.echo("\n".join(tables(document)))
         click.echo(f"Metrics: {out / 'shifts.json'}   plot: {out / 'shifts.png'}   views: {out / 'views.png'}")
         return
     if truth is not None:
