@@ -24,6 +24,7 @@ from ...core.errors import UnisimError
 from ...core.geometry import FloatArray, invert_pose
 from ...editing.layout.shapes import OverlayShapes
 from ...editing.sampled.clock import Clock
+from ...editing.texts import translatable
 from ...preferences import interpreter
 from ...process.client import Client, Request, client
 from ...registering import Drawing
@@ -36,7 +37,7 @@ AROUND_M = 1.2
 POLL_S, ASK_S = 0.05, 0.15
 GROUND, LINE, FRONT = (0.03, 0.03, 0.03, 0.85), (1.0, 1.0, 1.0, 0.9), (1.0, 0.55, 0.1, 1.0)
 INSIDE, OUTSIDE = (0.25, 0.95, 0.45, 1.0), (0.6, 0.6, 0.6, 0.8)
-SIDES = (("Above", 0, 1), ("Left Side", 0, 2), ("Behind", 1, 2))
+SIDES = ((translatable("Above"), 0, 1), (translatable("Left Side"), 0, 2), (translatable("Behind"), 1, 2))
 """Names, and the axes to the right and up."""
 
 
