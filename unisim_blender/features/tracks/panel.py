@@ -16,8 +16,7 @@ class UNISIM_PT_boxes(DrivePanel, bpy.types.Panel):
 
     bl_label = "Boxes"
     bl_order = 5
-    bl_options = {"DEFAULT_CLOSED"}
-    tasks = ("EDIT",)
+    tasks = ("VIEW",)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Rows stay in place whatever is selected."""
