@@ -78,7 +78,8 @@ def found() -> Iterator[float]:
     screenshot("finding")
     yield from until(lambda: not background.running, "the search does not end", 300)
     task_now = next((t for kind, t in background.newest.items() if kind.__name__ == "FindTask"), None)
-    assert task_now is not None and task_now.code == 0, f"{task_now.problem}"
+    assert task_now is not None
+    assert task_now.code == 0, task_now.problem
     yield from until(boxes, "no boxes came", 20)
     results["found"] = [[o.name, round(o.unisim_track.certainty, 2), o.unisim_track.label] for o in boxes()]
     yield 0.5
