@@ -29,14 +29,13 @@ from unisim_blender.core.model.decode import CameraDecoder
 from unisim_blender.core.presets import preset
 from unisim_blender.core.render.quality import QUALITIES
 from unisim_blender.core.render.tracers.torch import tracer as torch_tracer
-from unisim_blender.core.sensors.bounds import Bounds
+from unisim_blender.core.sensors.bounds import BIN_S, Bounds
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.frames import CAMERA_PASSES, RenderStats
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.training.export import observe
 from unisim_blender.core.world.drive import (
-    BIN_S,
     Actor,
     Appearance,
     Box,

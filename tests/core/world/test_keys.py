@@ -16,9 +16,9 @@ from unisim_blender.core.geometry import (
     invert_pose,
     quaternion_from_yaw,
 )
-from unisim_blender.core.sensors.bounds import Bounds
+from unisim_blender.core.sensors.bounds import BIN_S, Bounds
 from unisim_blender.core.sensors.rays import Rays
-from unisim_blender.core.world.drive import BIN_S, Actor
+from unisim_blender.core.world.drive import Actor
 from unisim_blender.core.world.replay import PaddedKeys
 
 

@@ -29,8 +29,8 @@ from unisim_blender.core.model.tracklets import (
     slerp,
 )
 from unisim_blender.core.ops.near_spheres import near_spheres, near_spheres_reference
-from unisim_blender.core.sensors.bounds import Bounds
-from unisim_blender.core.world.drive import BIN_S, Actor, Appearance
+from unisim_blender.core.sensors.bounds import BIN_S, Bounds
+from unisim_blender.core.world.drive import Actor, Appearance
 from unisim_blender.core.world.replay import with_windows
 
 

@@ -13,8 +13,8 @@ from ..geometry import FloatArray, matrix_from_quaternion
 from ..ops.devices import zeros_on_demand
 from ..ops.near_spheres import near_spheres
 from ..ops.padding import Padding
-from ..sensors.bounds import Bounds
-from ..world.drive import BIN_S, Actor
+from ..sensors.bounds import BIN_S, Bounds
+from ..world.drive import Actor
 from ..world.replay import PaddedKeys
 
 SMOOTH_S = 0.2
@@ -215,7 +215,7 @@ class Tracklets(nn.Module):
             "start_s", torch.tensor([a.start_s for a in actors], dtype=torch.float64), persistent=False
         )
         self.register_buffer("end_s", torch.tensor([a.end_s for a in actors], dtype=torch.float64), persistent=False)
-        bounds = Bounds(actors)
+        bounds = Bounds(actors, keys)
         self.first_bin_s = bounds.first_s
         self.register_buffer("bound_centres", torch.as_tensor(bounds.centres - self.corner).float(), persistent=False)
         self.register_buffer("bound_radii", torch.as_tensor(bounds.radii).float(), persistent=False)

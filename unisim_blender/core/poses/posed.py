@@ -67,7 +67,7 @@ def measured(log: Log) -> PosesReport:
     lidar = reference_lidar(log)
     if lidar is None:
         return PosesReport("")
-    cached = _cached(log, "agreement")
+    cached = cached_file(log, "poses", f"agreement-{VERSION}.json")
     try:
         rows = Node(read_json(cached, LogError), f"{cached}: ", LogError).elements() if cached.is_file() else None
         if rows is not None:
@@ -175,7 +175,7 @@ def _track(log: Log, lidar: str) -> Trajectory:
 
 
 def _refined(log: Log, lidar: str, progress: Callable[[float], object]) -> Refined:
-    cached = _cached(log, "refined")
+    cached = cached_file(log, "poses", f"refined-{VERSION}.json")
     if cached.is_file():
         try:
             return _from_json(Node(read_json(cached, LogError), f"{cached}: ", LogError))
@@ -210,13 +210,13 @@ def _from_json(node: Node) -> Refined:
     return Refined(keys, node.key("std_m").array(len(times)), node.key("std_rad").array(len(times)))
 
 
-def _cached(log: Log, what: str) -> Path:
-    """Return the cached file of a log, named by its poses, boxes and files' stamps."""
+def cached_file(log: Log, folder: str, name: str) -> Path:
+    """Return the file ``name`` of a log in a folder of the cache: its own by the log's poses, boxes and files' stamps."""
     files = extras_of(log).files or (sorted(log.path.rglob("*")) if log.path.is_dir() else [log.path])
     digest = hashlib.sha256(json_bytes(drive_to_json(log.drive)))
     for file in files if log.path.exists() else ():
         digest.update(f"{file}{file_stamp(file)}".encode())
-    return cache_folder() / "poses" / f"{digest.hexdigest()[:32]}-{what}-{VERSION}.json"
+    return cache_folder() / folder / f"{digest.hexdigest()[:32]}-{name}"
 
 
 def _store(path: Path, value: object) -> None:

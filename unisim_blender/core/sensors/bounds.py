@@ -8,27 +8,34 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..geometry import BoolArray, FloatArray
-from ..world.drive import BIN_S, Actor
+from ..world.drive import Actor
+from ..world.replay import PaddedKeys
 from .rays import Rays
+
+BIN_S = 0.05
+"""Length of a bin of time, seconds."""
+BIN_SLACK_S = 1e-4
+"""Margin of a bin, seconds: a time on the edge of two bins may be rounded into either."""
 
 
 class Bounds:
     """Bounding spheres of actors for bins of time, by which most rays are culled without a pose.
 
     Bins are `BIN_S` long from ``first_s`` on; centres are (bins, actors, 3), world frame, and radii (bins, actors),
-    metres, below 0 where the actor is absent.
+    metres, below 0 where the actor is absent. ``keys`` are the actors'.
     """
 
-    def __init__(self, actors: Sequence[Actor]) -> None:
+    def __init__(self, actors: Sequence[Actor], keys: PaddedKeys | None = None) -> None:
         self.windows: FloatArray = np.array([(actor.start_s, actor.end_s) for actor in actors]).reshape(-1, 2)
-        spheres = [actor.bounding_spheres for actor in actors]
-        first = min((at for at, *_ in spheres), default=0)
-        bins = max((at - first + len(radii) for at, _, radii in spheres), default=1)
-        self.first_s = first * BIN_S
-        self.centres, self.radii = np.zeros((bins, len(actors), 3)), np.full((bins, len(actors)), -1.0)
-        for number, (at, centres, radii) in enumerate(spheres):
-            here = slice(at - first, at - first + len(radii))
-            self.centres[here, number], self.radii[here, number] = centres, radii
+        starts, ends = self.windows.T
+        self.first_s = float(starts.min()) if len(actors) else 0.0
+        bins = max(1, int(np.ceil(((ends.max() if len(actors) else 0.0) - self.first_s) / BIN_S)) + 1)
+        edges = self.first_s + BIN_S * np.arange(bins + 1)
+        at = (keys or PaddedKeys.of(actors)).positions_at(edges).swapaxes(0, 1)
+        half: FloatArray = np.linalg.norm(np.array([actor.size_m for actor in actors]).reshape(-1, 3), axis=1) / 2
+        present = (edges[1:, None] >= starts - BIN_SLACK_S) & (edges[:-1, None] <= ends + BIN_SLACK_S)
+        self.centres = (at[1:] + at[:-1]) / 2
+        self.radii = np.where(present, half + np.linalg.norm(np.diff(at, axis=0), axis=2) / 2 + 0.5, -1.0)
 
     def in_reach(self, rays: Rays, slack_rad: float = 0.0) -> list[int]:
         """Return the indices of actors that flat rays (N,) can hit: present at some ray's time, and touched by the cone

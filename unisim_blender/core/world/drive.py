@@ -25,10 +25,6 @@ from ..lenses.lens import Lens, LensError
 
 EGO = "ego"
 """The ego vehicle, where it is named beside actors. No actor of a log has this identifier."""
-BIN_S = 0.05
-"""Length of the bins of time of `Actor.bounding_spheres`, seconds."""
-BIN_SLACK_S = 1e-4
-"""Margin of a bin, seconds: a time on the edge of two bins may be rounded into either."""
 FRAME_MARGIN_S = 0.25
 """Largest time between a frame's time and a measurement of one of its sensors, seconds."""
 
@@ -346,16 +342,6 @@ class Actor:
     def is_scaled(self) -> bool:
         """Whether the actor and its appearance differ in size."""
         return self.scale != (1.0, 1.0, 1.0)
-
-    @cached_property
-    def bounding_spheres(self) -> tuple[int, FloatArray, FloatArray]:
-        """The number of the first bin of time in which the actor is present, and spheres around it in that bin and those
-        that follow: centres (K, 3), world frame, and radii (K,), metres. Bin k begins at k times `BIN_S`."""
-        first = math.floor((self.start_s - BIN_SLACK_S) / BIN_S)
-        last = math.floor((self.end_s + BIN_SLACK_S) / BIN_S)
-        at = self.world_from_actor.positions_at(BIN_S * np.arange(first, last + 2))
-        steps = np.linalg.norm(np.diff(at, axis=0), axis=1)
-        return first, (at[1:] + at[:-1]) / 2, np.linalg.norm(self.size_m) / 2 + steps / 2 + 0.5
 
     def visible_to(self, sensor: Camera | Lidar) -> bool:
         """Return whether a sensor can see the actor: ego bodies are seen by sensors with ``sees_ego_body`` alone."""

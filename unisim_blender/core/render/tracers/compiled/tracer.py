@@ -56,8 +56,8 @@ class _BoxTrajectories:
 
     def __init__(self, scene: CompiledScene, actors: Sequence[Actor], rows: Sequence[int]) -> None:
         self.scene, self.count = scene, len(actors)
-        self.bounds = Bounds(actors)
         keys = PaddedKeys.of(actors)
+        self.bounds = Bounds(actors, keys)
         self.keys = keys.times_s.shape[1]
         self.arrays: dict[str, NDArray[Any]] = {
             "times": keys.times_s,

@@ -1,0 +1,337 @@
+"""Tracks found in the sweeps of a street of boxes, whose actors are known, and each stage of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from unisim_blender.core.data.log import Log, Sweep
+from unisim_blender.core.data.moved import on_trajectory
+from unisim_blender.core.errors import LogError
+from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw
+from unisim_blender.core.sensors.lidar import lidar_rays
+from unisim_blender.core.tracks import evidence as evidence_module
+from unisim_blender.core.tracks.associate import associate
+from unisim_blender.core.tracks.box_file import Track, default_path, read_boxes
+from unisim_blender.core.tracks.boxes import closest_heading, completed
+from unisim_blender.core.tracks.clusters import Cluster
+from unisim_blender.core.tracks.evidence import evidence_of
+from unisim_blender.core.tracks.find import find_tracks, in_own_world
+from unisim_blender.core.tracks.free_space import left_or_entered, range_image, windows
+from unisim_blender.core.tracks.ground import GroundBuilder
+from unisim_blender.core.tracks.register import PlanarPath, register, returns_of, rotated, smoothed
+from unisim_blender.core.tracks.report import report
+from unisim_blender.core.tracks.scans import Scan, read_scan, scans_of
+from unisim_blender.core.tracks.shape import class_of
+from unisim_blender.core.world.drive import Drive, Lidar, LidarModel
+
+MODEL = LidarModel(np.radians(np.linspace(8, -20, 40)), np.zeros(40), columns=450, max_range_m=70.0)
+FRAMES, STEP_S, SPEED = 16, 0.2, 5.0
+MOUNT = make_pose(np.array([0.5, 0.0, 1.8]), np.array([1.0, 0, 0, 0]))
+WALLS = np.array([[[-60, 12, 0], [90, 13, 6]], [[-60, -13, 0], [90, -12, 6]]], float)
+PARKED = np.array([16.0, -7.0])
+BODY, CABIN = np.array([4.4, 1.8, 0.8]), np.array([2.4, 1.4, 0.7])
+
+
+def car_at(time_s: float) -> FloatArray:
+    """Middle (2,) of the car that drives, along x."""
+    return np.array([8.0 + 8.0 * time_s, 4.0])
+
+
+def person_at(time_s: float) -> FloatArray:
+    return np.array([12.0, -4.0 + 1.4 * time_s])
+
+
+def car_boxes(middle: FloatArray) -> FloatArray:
+    """Corners (2, 2, 3) of a car's body and of its windows and roof."""
+    body, cabin = np.array([*middle, 0.6]), np.array([*middle, 1.3])
+    return np.array([[body - BODY / 2, body + BODY / 2], [cabin - CABIN / 2, cabin + CABIN / 2]])
+
+
+def ranges(origins: FloatArray, directions: FloatArray, solid: FloatArray) -> FloatArray:
+    """Distances (N,) to the ground or a box; inf beyond the LiDAR's range."""
+    with np.errstate(divide="ignore"):
+        nearest = np.where(directions[:, 2] < 0, -origins[:, 2] / directions[:, 2], np.inf)
+        for low, high in solid:
+            ends = ((low - origins) / directions, (high - origins) / directions)
+            enter, leave = np.minimum(*ends).max(1), np.maximum(*ends).min(1)
+            nearest = np.where((enter > 0) & (enter < leave), np.minimum(nearest, enter), nearest)
+    return np.where(nearest < MODEL.max_range_m, nearest, np.inf)
+
+
+class DrivenLog:
+    """A log without boxes: a car drives ahead, one is parked, a person crosses, between two walls."""
+
+    def __init__(self, path: Path, frames: int = FRAMES) -> None:
+        self.path, self.missing, self.reads = path, (), 0
+        path.touch()
+        times = {frame: frame * STEP_S for frame in range(frames)}
+        keys = np.array([-1.0, 10.0])
+        ego = Trajectory(keys, np.stack([SPEED * keys, 0 * keys, 0 * keys], 1), quaternion_from_yaw(0.0 * keys))
+        lidar = Lidar("top", MODEL, ego.transformed(right=MOUNT), times)
+        self.drive = Drive("street", tuple(times), times, ego, {}, {"top": lidar} if frames else {}, {})
+
+    def sweep_frames(self, lidar: str) -> tuple[int, ...]:
+        return self.drive.frames
+
+    def sweep(self, lidar: str, frame: int) -> Sweep:
+        self.reads += 1
+        sensor = self.drive.lidars["top"]
+        time_s = sensor.time_s[frame] - MODEL.sweep_s / 2
+        rays = lidar_rays(sensor, sensor.time_s[frame]).flat()
+        person = np.array([*person_at(time_s), 0.9])
+        half = np.array([0.25, 0.3, 0.85])
+        solid = np.concatenate([WALLS, car_boxes(car_at(time_s)), car_boxes(PARKED), [[person - half, person + half]]])
+        depth = ranges(rays.origins, rays.directions, solid)
+        met = np.flatnonzero(np.isfinite(depth))
+        depth = depth[met] + np.random.default_rng(frame).normal(0, 0.01, len(met))
+        none = np.full(len(met), -1, np.int32)
+        return Sweep(
+            rays.origins[met] + rays.directions[met] * depth[:, None], rays.origins[met],
+            np.full(len(met), time_s), np.ones(len(met), np.float32), none, none, none,
+        )  # fmt: skip
+
+
+def driven(path: Path, **options: Any) -> Any:
+    return DrivenLog(path / "log", **options)
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("UNISIM_CACHE", str(tmp_path / "cache"))
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory: pytest.TempPathFactory) -> tuple[Log, tuple[Track, ...]]:
+    folder = tmp_path_factory.mktemp("searched")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("UNISIM_CACHE", str(folder / "cache"))
+        log = driven(folder)
+        return log, find_tracks(log)
+
+
+def test_what_drives_and_what_is_parked_is_found(searched: tuple[Log, tuple[Track, ...]]) -> None:
+    tracks = [track for track in searched[1] if track.certainty > 0.3]
+    (car,) = (track.actor for track in tracks if track.actor.is_moving and track.actor.label == "Car")
+    times = np.linspace(car.start_s, car.end_s, 7)
+    assert car.end_s - car.start_s > 0.8 * (FRAMES - 1) * STEP_S
+    poses = car.world_from_actor.at(times)
+    assert np.abs(poses[:, :2, 3] - [car_at(time) for time in times]).max() < 0.35
+    assert np.degrees(np.abs(np.arctan2(poses[:, 1, 0], poses[:, 0, 0])).max()) < 2
+    assert np.abs(car.size_m - [4.4, 1.8, 1.65]).max() < 0.4
+    (parked,) = (track.actor for track in tracks if not track.actor.is_moving)
+    pose = parked.world_from_actor.at(1.0)
+    assert parked.label == "Car" and np.abs(pose[:2, 3] - PARKED).max() < 0.3 and abs(pose[1, 0]) < 0.05
+    assert len(parked.world_from_actor.times_s) == 1
+
+
+def test_who_walks_is_a_person(searched: tuple[Log, tuple[Track, ...]]) -> None:
+    (person,) = (track.actor for track in searched[1] if track.actor.label == "Pedestrian")
+    assert np.linalg.norm(person.world_from_actor.at(1.5)[:2, 3] - person_at(1.5)) < 0.25
+
+
+def test_walls_are_no_tracks(searched: tuple[Log, tuple[Track, ...]]) -> None:
+    assert len([track for track in searched[1] if track.certainty > 0.3]) == 3
+
+
+def test_a_second_search_reads_no_sweep_and_gives_the_same(tmp_path: Path) -> None:
+    log, stages = driven(tmp_path, frames=8), []
+    first = find_tracks(log, lambda stage, done: stages.append((stage, done)))
+    reads = log.reads
+    second = find_tracks(log)
+    assert log.reads == reads and len(first) == len(second) > 0
+    for a, b in zip(first, second, strict=True):
+        assert a.actor.world_from_actor.content() == b.actor.world_from_actor.content() and a.certainty == b.certainty
+    assert [stage for stage, done in stages if done == 1.0] == ["ground", "clusters", "registration", "standing"]
+
+
+def test_a_broken_cache_is_made_anew(tmp_path: Path) -> None:
+    log = driven(tmp_path, frames=3)
+    first = evidence_of(log)
+    (file,) = (tmp_path / "cache" / "tracks").iterdir()
+    file.write_bytes(file.read_bytes()[:500])
+    assert np.array_equal(evidence_of(log).ground.heights, first.ground.heights) and log.reads == 12
+
+
+def test_a_search_is_cancelled_by_its_progress(tmp_path: Path) -> None:
+    def cancel(stage: str, done: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        find_tracks(driven(tmp_path), cancel)
+    assert not (tmp_path / "cache" / "tracks").exists()
+
+
+def test_a_log_without_sweeps_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="no two sweeps of a LiDAR.*boxes from a file"):
+        find_tracks(driven(tmp_path, frames=1))
+
+
+def test_sweeps_that_show_nothing_have_no_tracks(tmp_path: Path) -> None:
+    log = driven(tmp_path, frames=3)
+    sweep = log.sweep("top", 0)
+    for count in (0, 1):
+        names = ("points", "origins", "time_s", "intensity", "ring", "column", "semantic")
+        few = replace(sweep, **{name: getattr(sweep, name)[:count] for name in names})
+        log.sweep = lambda lidar, frame, few=few: few
+        (tmp_path / "log").write_text(str(count))  # another stamp, another cache
+        assert find_tracks(log) == ()
+
+
+def test_tracks_of_refined_poses_lie_in_the_logs_own_world(searched: tuple[Log, tuple[Track, ...]]) -> None:
+    log, tracks = searched
+    ego = log.drive.world_from_ego
+    turned = make_pose(np.array([3.0, 1.0, 0.0]), quaternion_from_yaw(0.1))
+    used = on_trajectory(log, ego.transformed(left=turned), "refined").drive
+    moved = [replace(track, actor=replace(track.actor, world_from_actor=track.actor.world_from_actor.transformed(left=turned)))
+             for track in tracks]  # fmt: skip
+    for track, own in zip(in_own_world(moved, used, log.drive), tracks, strict=True):
+        assert np.allclose(track.actor.world_from_actor.positions, own.actor.world_from_actor.positions, atol=1e-6)
+
+
+def test_the_command_writes_a_file_of_boxes_and_a_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from unisim_blender.core.cli.commands.track import command
+    from unisim_blender.core.formats import readers
+
+    log = driven(tmp_path, frames=12)
+    monkeypatch.setattr(readers, "open_log", lambda path: log)
+    page = tmp_path / "report.html"
+    result = CliRunner().invoke(command, [str(log.path), "--report", str(page), "--poses", "log", "--quiet"])
+    assert result.exit_code == 0, result.output
+    tracks = read_boxes(default_path(log.path)).tracks
+    assert {track.source for track in tracks} == {"lidar"} and min(track.certainty for track in tracks) >= 0.3
+    assert all(track.actor.uid in page.read_text() for track in tracks)
+    assert "moving Car" in result.output
+
+
+def test_the_report_stands_alone(searched: tuple[Log, tuple[Track, ...]]) -> None:
+    text = report(*searched)
+    assert "http" not in text and text.count("<polygon") == len(searched[1])
+
+
+def test_ground_is_below_what_stands(tmp_path: Path) -> None:
+    log = driven(tmp_path)
+    builder = GroundBuilder(log.drive.world_from_ego)
+    for ref in scans_of(log)[:4]:
+        builder.add(read_scan(log, ref).points)
+    assert np.abs(builder.ground().height(np.array([[5.0, 0.0], [*PARKED], [20.0, 4.0]]))).max() < 0.05
+
+
+def test_ground_follows_a_slope() -> None:
+    xy = np.random.default_rng(0).uniform(-30, 30, (40000, 2))
+    ego = Trajectory(np.zeros(1), np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]))
+    builder = GroundBuilder(ego)
+    for part in np.split(np.column_stack([xy, 0.1 * xy[:, 0]]), 2):
+        builder.add(part)
+    at = np.array([[-10.0, 3.0], [12.0, -5.0]])
+    assert np.abs(builder.ground().height(at) - 0.1 * at[:, 0]).max() < 0.08
+
+
+def test_a_place_that_is_seen_through_later_has_been_left(tmp_path: Path) -> None:
+    log = driven(tmp_path)
+    refs = scans_of(log)
+    images = {number: range_image(read_scan(log, ref)) for number, ref in enumerate(refs)}
+    left = np.array([[*car_at(0.1), 1.0]]) - [2.2, 0, 0]
+    stands = np.array([[*PARKED, 0.8]]) + [-2.2, 0.5, 0]
+    behind = np.array([[10.0, 30.0, 1.0]])
+    moving, stays = left_or_entered(np.concatenate([left, stands, behind]), images, windows(refs, 0))
+    assert moving.tolist() == [True, False, False] and stays.tolist() == [False, True, False]
+
+
+def test_rolling_rays_are_looked_along_from_their_own_origin() -> None:
+    angle = np.linspace(-np.pi, np.pi, 3600, endpoint=False)
+    origins = np.stack([10 * angle / np.pi, 0 * angle, 0 * angle], 1)  # the ego moves by 20 m within the sweep
+    points = origins + 20 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], 1)
+    image = range_image(Scan(points, origins, angle))
+    free, occupied = image.looks(points)
+    assert occupied.mean() > 0.9 and not free.any()
+    assert image.looks(origins + (points - origins) * 0.5)[0].mean() > 0.9
+
+
+def l_shape(yaw: float, middle: FloatArray, size: tuple[float, float] = (4.4, 1.8)) -> FloatArray:
+    """Points of a car's rear and left side."""
+    x = np.linspace(-size[0] / 2, size[0] / 2, 60)
+    y = np.linspace(-size[1] / 2, size[1] / 2, 30)
+    side = np.stack([x, np.full(60, size[1] / 2)], 1)
+    rear = np.stack([np.full(30, -size[0] / 2), y], 1)
+    return rotated(np.full(90, yaw), np.concatenate([side, rear])) + middle
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.3, 1.2])
+def test_the_heading_of_an_l_is_found(yaw: float) -> None:
+    xy = l_shape(yaw, np.array([3.0, 2.0])) + np.random.default_rng(0).normal(0, 0.01, (90, 2))
+    away = (closest_heading(xy) - yaw + np.pi / 4) % (np.pi / 2) - np.pi / 4
+    assert abs(np.degrees(away)) < 1.5
+
+
+def test_a_box_goes_on_where_it_is_not_seen() -> None:
+    assert completed(0.0, 1.0, 4.0, -1.0) == (0.0, 4.0)
+    assert completed(0.0, 1.0, 4.0, 1.0) == (-3.0, 1.0)
+    assert completed(0.0, 5.0, 4.0, 0.3) == (0.0, 5.0)
+
+
+def cluster(xy: FloatArray, time_s: float) -> Cluster:
+    height = np.tile([0.4, 0.8, 1.2], len(xy))[: len(xy), None]
+    return Cluster(np.concatenate([xy, height], 1), np.full(len(xy), time_s), np.array([-10.0, 5.0, 1.8]))
+
+
+def test_two_that_cross_and_a_gap_stay_two_tracks() -> None:
+    sweeps = []
+    for number in range(30):
+        time_s = number * 0.1
+        one, other = l_shape(0.0, np.array([8 * time_s, 0.0])), l_shape(np.pi, np.array([24 - 8 * time_s, 3.5]))
+        hidden = 10 <= number < 17
+        sweeps.append([cluster(one, time_s)] if hidden else [cluster(one, time_s), cluster(other, time_s)])
+    chains = associate(sweeps)
+    assert sorted(len(chain) for chain in chains) == [23, 30]
+    for chain in chains:
+        assert np.ptp([part.middle[1] for part in chain]) < 0.5
+
+
+def test_a_track_goes_on_behind_a_long_gap() -> None:
+    places = [number * 0.1 for number in range(40) if not 12 <= number < 32]  # longer than a filter coasts
+    chains = associate([[cluster(l_shape(0.0, np.array([10 * time_s, 0.0])), time_s)] for time_s in places])
+    assert [len(chain) for chain in chains] == [20]
+
+
+def test_registration_takes_back_a_turning_path() -> None:
+    times = np.arange(20) * 0.1
+    yaw = 0.3 * times
+    velocity = 6 * np.stack([np.cos(yaw), np.sin(yaw)], 1)
+    places = np.concatenate([np.zeros((1, 2)), np.cumsum((velocity[1:] + velocity[:-1]) * 0.05, 0)])
+    rng = np.random.default_rng(2)
+    clusters = [
+        cluster(l_shape(a, at) + rng.normal(0, 0.01, (90, 2)), t) for a, at, t in zip(yaw, places, times, strict=True)
+    ]
+    disturbed = smoothed(times, places + rng.normal(0, 0.25, places.shape), np.zeros(20), 0.3)
+    returns = returns_of(clusters, lambda points: np.zeros(len(points)))
+    path = register(returns, disturbed)
+
+    def error(path: PlanarPath) -> float:
+        offset = rotated(-yaw, path.positions - places)
+        return float(np.linalg.norm(offset - offset.mean(0), axis=1).max())
+
+    assert error(path) < 0.06 < error(disturbed)
+    assert np.degrees(np.ptp(path.yaw_rad - yaw)) < 2
+
+
+@pytest.mark.parametrize(
+    ("size", "speed", "label"),
+    [
+        ((4.3, 1.8, 1.5), 8.0, "Car"), ((0.5, 1.7, 1.4), 8.0, "Car"), ((0.6, 0.5, 1.7), 1.4, "Pedestrian"),
+        ((1.7, 0.6, 1.7), 5.0, "Cyclist"), ((6.0, 2.3, 2.8), 10.0, "Truck"), ((11.0, 2.5, 3.0), 8.0, "Bus"),
+    ],
+)  # fmt: skip
+def test_classes_by_size_and_speed(size: tuple[float, float, float], speed: float, label: str) -> None:
+    assert class_of(*size, speed) == label
+
+
+def test_a_search_without_scipy_says_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "scipy.spatial", None)
+    with pytest.raises(LogError, match="scipy"):
+        evidence_module.evidence_of(driven(tmp_path, frames=2))

@@ -1,0 +1,154 @@
+"""Clusters of successive sweeps as tracks: a Kalman filter of constant velocity and the best assignment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..geometry import FloatArray
+from .clusters import Cluster, merged
+
+FIRST_SPEED = 9.0
+"""Standard deviation of the speed of what appears, m/s."""
+ACCELERATION = 4.0
+NOISE_M = 0.35
+"""Standard deviation of a cluster's middle, metres: it wanders as other sides are seen."""
+GATE = 3.0
+COAST_S = 1.3
+"""A track ends where nothing has been seen of it for this long."""
+SIZE_WEIGHT = 0.5
+FEWEST = 4
+"""Fewest clusters of a track."""
+STITCH_S, STITCH_M, STITCH_GROWTH, STITCH_SPEED = 4.0, 1.5, 1.0, 4.0
+"""Two tracks are one across this gap, where they lie this near and this much more for each second of it, and their
+velocities differ by no more."""
+ENDS = 6
+
+
+@dataclass
+class Chain:
+    """Clusters of one thing in order of time, with the filter's state (4,) and covariance (4, 4): x, y, and their speeds."""
+
+    clusters: list[Cluster]
+    state: FloatArray
+    covariance: FloatArray
+    time_s: float
+    size_m: float = 0.0
+    missed: list[float] = field(default_factory=list)
+
+    def predict(self, time_s: float) -> None:
+        """Carry the state on to ``time_s``."""
+        step = time_s - self.time_s
+        move = np.eye(4)
+        move[:2, 2:] = np.eye(2) * step
+        noise = np.kron(np.array([[step**3 / 3, step**2 / 2], [step**2 / 2, step]]), np.eye(2)) * ACCELERATION**2
+        self.state, self.covariance = move @ self.state, move @ self.covariance @ move.T + noise * min(abs(step), 1.0)
+        self.time_s = time_s
+
+    def add(self, cluster: Cluster) -> None:
+        """Add a cluster at the state's time."""
+        gain = self.covariance[:, :2] @ np.linalg.inv(self.covariance[:2, :2] + np.eye(2) * NOISE_M**2)
+        self.state = self.state + gain @ (cluster.middle - self.state[:2])
+        self.covariance = self.covariance - gain @ self.covariance[:2]
+        self.size_m = max(self.size_m, float(np.linalg.norm(np.ptp(cluster.points[:, :2], 0))))
+        self.clusters.append(cluster)
+
+
+def _begin(cluster: Cluster) -> Chain:
+    covariance = np.diag([NOISE_M**2] * 2 + [FIRST_SPEED**2] * 2)
+    chain = Chain([], np.array([*cluster.middle, 0.0, 0.0]), covariance, cluster.middle_s)
+    chain.add(cluster)
+    return chain
+
+
+def associate(sweeps: Iterable[Sequence[Cluster]]) -> list[list[Cluster]]:
+    """Return tracks of at least `FEWEST` clusters, in order of time, from the clusters of sweeps in order of time."""
+    from scipy.optimize import linear_sum_assignment
+
+    active: list[Chain] = []
+    finished: list[Chain] = []
+    for clusters in sweeps:
+        if not clusters:
+            continue
+        middle_s = float(np.mean([cluster.middle_s for cluster in clusters]))
+        finished += [chain for chain in active if middle_s - chain.clusters[-1].middle_s > COAST_S]
+        active = [chain for chain in active if middle_s - chain.clusters[-1].middle_s <= COAST_S]
+        for chain in active:
+            chain.predict(middle_s)
+        groups = _joined(active, clusters)
+        taken = set()
+        if active:
+            cost = np.array([[_cost(chain, group) for group in groups] for chain in active])
+            for row, column in zip(*linear_sum_assignment(np.minimum(cost, 1e3)), strict=True):
+                if cost[row, column] < 1e3:
+                    active[row].predict(groups[column].middle_s)
+                    active[row].add(groups[column])
+                    taken.add(column)
+        active += [_begin(group) for number, group in enumerate(groups) if number not in taken]
+    chains = [chain.clusters for chain in (*finished, *active) if len(chain.clusters) >= FEWEST]
+    return _stitched(sorted(chains, key=lambda clusters: clusters[0].middle_s))
+
+
+def _cost(chain: Chain, cluster: Cluster) -> float:
+    away = cluster.middle - chain.state[:2]
+    spread = chain.covariance[:2, :2] + np.eye(2) * NOISE_M**2
+    distance = float(np.sqrt(away @ np.linalg.solve(spread, away)))
+    if distance > GATE or np.linalg.norm(away) > 6.0:
+        return 1e6
+    size = float(np.linalg.norm(np.ptp(cluster.points[:, :2], 0)))
+    return distance + SIZE_WEIGHT * abs(np.log((size + 0.5) / (chain.size_m + 0.5)))
+
+
+def _joined(chains: Sequence[Chain], clusters: Sequence[Cluster]) -> list[Cluster]:
+    """Return the clusters, with those joined that lie in the place of one track that is known well."""
+    groups = [[number] for number in range(len(clusters))]
+    middles = np.array([cluster.middle for cluster in clusters])
+    free = set(range(len(clusters)))
+    joined = []
+    for chain in chains:
+        if len(chain.clusters) < FEWEST or chain.size_m < 1.5:
+            continue
+        near = np.linalg.norm(middles - chain.state[:2], axis=1) < chain.size_m / 2
+        inside = [number for number in np.flatnonzero(near).tolist() if number in free]
+        if len(inside) > 1:
+            whole = merged([clusters[number] for number in inside])
+            if np.linalg.norm(np.ptp(whole.points[:, :2], 0)) < chain.size_m + 0.7:
+                joined.append(whole)
+                free -= set(inside)
+    return joined + [merged([clusters[number] for number in group]) for group in groups if group[0] in free]
+
+
+def _line(clusters: Sequence[Cluster]) -> tuple[float, FloatArray, FloatArray]:
+    """Return the mean time of clusters, and the position (2,) and velocity (2,) there of the line along their middles."""
+    times = np.array([cluster.middle_s for cluster in clusters])
+    middles = np.array([cluster.middle for cluster in clusters])
+    away = times - times.mean()
+    return float(times.mean()), middles.mean(0), away @ (middles - middles.mean(0)) / max(float(away @ away), 1e-6)
+
+
+def _stitched(chains: list[list[Cluster]]) -> list[list[Cluster]]:
+    """Return tracks in order of their begin, with those joined that are one by their velocities across a gap."""
+    joined: list[list[Cluster]] = []
+    for chain in chains:
+        best, where = np.inf, -1
+        time_b, at_b, speed_b = _line(chain[:ENDS])
+        for number, other in enumerate(joined):
+            gap = chain[0].middle_s - other[-1].middle_s
+            if not 0 < gap < STITCH_S:
+                continue
+            time_a, at_a, speed_a = _line(other[-ENDS:])
+            middle_s = (chain[0].middle_s + other[-1].middle_s) / 2
+            away = float(np.linalg.norm(at_a + speed_a * (middle_s - time_a) - at_b - speed_b * (middle_s - time_b)))
+            if (
+                away < STITCH_M + STITCH_GROWTH * gap
+                and np.linalg.norm(speed_a - speed_b) < STITCH_SPEED
+                and away < best
+            ):
+                best, where = away, number
+        if where < 0:
+            joined.append(chain)
+        else:
+            joined[where] = joined[where] + chain
+    return joined

@@ -1,0 +1,95 @@
+"""Clusters of a sweep's returns that nothing which stays explains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import FloatArray, first_in_voxels
+from .free_space import RangeImage, left_or_entered
+from .ground import GroundHeights
+from .scans import FAR_M, Scan
+
+LOW_M, HIGH_M = 0.25, 4.5
+"""Heights above the ground of returns that may be an actor's."""
+THIN_M = 0.1
+CELL_M = 0.3
+"""Returns are of one cluster where their cells, seen from above, touch."""
+LEAST_RETURNS = 4
+MOVING = 0.3
+"""Part of a cluster's returns that lie where other sweeps see through."""
+LARGEST_M = 20.0
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """Returns (N, 3) of one thing in a sweep, in the world, at their times (N,); ``origin`` (3,) of their rays."""
+
+    points: FloatArray
+    time_s: FloatArray
+    origin: FloatArray
+
+    @property
+    def middle_s(self) -> float:
+        """Mean time of the returns."""
+        return float(self.time_s.mean())
+
+    @property
+    def middle(self) -> FloatArray:
+        """Middle (2,) of the rectangle around the returns, along the world's axes."""
+        return np.asarray((self.points[:, :2].min(0) + self.points[:, :2].max(0)) / 2)
+
+
+def merged(clusters: Sequence[Cluster]) -> Cluster:
+    """Return several clusters of one sweep as one."""
+    if len(clusters) == 1:
+        return clusters[0]
+    points, time_s = (np.concatenate([getattr(cluster, name) for cluster in clusters]) for name in ("points", "time_s"))
+    return Cluster(points, time_s, np.mean([cluster.origin for cluster in clusters], 0))
+
+
+def above_ground(scan: Scan, ground: GroundHeights) -> NDArray[np.int64]:
+    """Return indices of a sweep's returns within `FAR_M`, from `LOW_M` to `HIGH_M` above the ground, one of each voxel."""
+    height = scan.points[:, 2] - ground.height(scan.points)
+    near = np.linalg.norm(scan.points[:, :2] - scan.origins[:, :2], axis=1) < FAR_M
+    keep = np.flatnonzero((height > LOW_M) & (height < HIGH_M) & near)
+    return keep[first_in_voxels(scan.points[keep], THIN_M)]
+
+
+def moving_clusters(
+    scan: Scan, ground: GroundHeights, images: Mapping[int, RangeImage], chosen: Sequence[Sequence[int]]
+) -> tuple[list[Cluster], FloatArray]:
+    """Return clusters of a sweep that other sweeps (``chosen``: `free_space.windows`) see through the place of, and
+    returns (N, 3) above the ground that stand."""
+    keep = above_ground(scan, ground)
+    points, time_s, origins = scan.points[keep], scan.time_s[keep], scan.origins[keep]
+    moving, stays = left_or_entered(points, images, chosen)
+    other = np.flatnonzero(~stays)
+    clusters = []
+    label = _labels(points[other, :2])
+    for members in _groups(label):
+        at = other[members]
+        size = np.ptp(points[at, :2], 0)
+        if len(at) >= LEAST_RETURNS and moving[at].mean() >= MOVING and size.max() < LARGEST_M:
+            clusters.append(Cluster(points[at], time_s[at], origins[at].mean(0)))
+    return clusters, points[~moving]
+
+
+def _labels(xy: FloatArray) -> NDArray[np.int64]:
+    """Return numbers (N,) from 1 of connected cells that points (N, 2) lie in."""
+    if not len(xy):
+        return np.zeros(0, np.int64)
+    from scipy import ndimage
+
+    cell = np.floor((xy - xy.min(0)) / CELL_M).astype(np.int64)
+    grid = np.zeros(cell.max(0) + 1, np.bool_)
+    grid[tuple(cell.T)] = True
+    return np.asarray(ndimage.label(grid, np.ones((3, 3)))[0][tuple(cell.T)])
+
+
+def _groups(label: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    order = np.argsort(label, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(label[order])) + 1) if len(label) else []

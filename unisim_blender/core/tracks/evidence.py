@@ -1,0 +1,109 @@
+"""What a log's sweeps show, in two passes over them: the ground, clusters of what moves, and a map of what stays.
+
+The result is cached among the user's files: another search of the same log begins with it.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+
+from ..data.log import Log
+from ..errors import LogError, OutputError
+from ..files import write_file
+from ..geometry import FloatArray
+from ..poses.posed import cached_file
+from .clusters import Cluster, moving_clusters
+from .free_space import range_image, windows
+from .ground import GroundBuilder, GroundHeights
+from .scans import read_scan, scans_of
+from .standing import StandingMap
+
+VERSION = 2
+"""Counted on whenever a stage here changes: what an older program cached is made anew."""
+SearchProgress = Callable[[str, float], object]
+"""Called with the name of a stage and the fraction of it that is done; what it raises cancels the search."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The ground, the clusters of each sweep of what moves, what stays, and the sweeps' times (S,), seconds."""
+
+    ground: GroundHeights
+    clusters: tuple[tuple[Cluster, ...], ...]
+    stays: StandingMap
+    times_s: FloatArray
+
+
+def evidence_of(log: Log, progress: SearchProgress = lambda stage, done: None) -> Evidence:
+    """Return what a log's sweeps show, from the cache where they were searched before.
+
+    Raises `LogError` where no LiDAR has two sweeps, scipy is not installed, or a sweep cannot be read.
+    """
+    refs = scans_of(log)
+    if len(refs) < 2:
+        raise LogError(
+            f"{log.path}: has no two sweeps of a LiDAR, in which actors are searched: take boxes from a file"
+        )
+    cached = cached_file(log, "tracks", f"evidence-{VERSION}.npz")
+    try:
+        return _read(cached)
+    except (OSError, BadZipFile, ValueError, KeyError):
+        pass  # there is none, or a broken one
+    builder, images = GroundBuilder(log.drive.world_from_ego), {}
+    for number, ref in enumerate(refs):
+        scan = read_scan(log, ref)
+        builder.add(scan.points)
+        images[number] = range_image(scan)
+        progress("ground", (number + 1) / len(refs))
+    ground, stays, sweeps = builder.ground(), StandingMap(), []
+    for number, ref in enumerate(refs):
+        scan = read_scan(log, ref)
+        clusters, standing = moving_clusters(scan, ground, images, windows(refs, number))
+        sweeps.append(tuple(clusters))
+        if len(standing):
+            stays.add(standing, np.median(scan.origins, 0), ref.time_s)
+        progress("clusters", (number + 1) / len(refs))
+    evidence = Evidence(ground, tuple(sweeps), stays, np.array([ref.time_s for ref in refs]))
+    _write(cached, evidence)
+    return evidence
+
+
+def _write(path: Path, evidence: Evidence) -> None:
+    clusters = [cluster for sweep in evidence.clusters for cluster in sweep]
+    keys, values = evidence.stays.content()
+    file = io.BytesIO()
+    np.savez_compressed(
+        file,
+        corner=evidence.ground.corner,
+        heights=evidence.ground.heights,
+        times_s=evidence.times_s,
+        in_sweep=np.array([len(sweep) for sweep in evidence.clusters]),
+        in_cluster=np.array([len(cluster.points) for cluster in clusters], np.int64),
+        origins=np.array([cluster.origin for cluster in clusters]).reshape(-1, 3),
+        points=np.concatenate([np.zeros((0, 3)), *(cluster.points for cluster in clusters)]),
+        time_s=np.concatenate([np.zeros(0), *(cluster.time_s for cluster in clusters)]),
+        keys=keys,
+        values=values,
+    )
+    try:
+        write_file(path, file.getvalue())
+    except OutputError:
+        pass  # a cache that cannot be written costs time and nothing else
+
+
+def _read(path: Path) -> Evidence:
+    with np.load(path) as file:
+        content = dict(file)
+    ends = np.cumsum(content["in_cluster"])[:-1]
+    parts = (np.split(content[name], ends) if len(content["in_cluster"]) else [] for name in ("points", "time_s"))
+    clusters = [Cluster(*values) for values in zip(*parts, content["origins"], strict=True)]
+    last = np.cumsum(content["in_sweep"])
+    sweeps = tuple(tuple(clusters[end - count : end]) for end, count in zip(last, content["in_sweep"], strict=True))
+    stays = StandingMap(content["keys"], content["values"])
+    return Evidence(GroundHeights(content["corner"], content["heights"]), sweeps, stays, content["times_s"])

@@ -1,0 +1,208 @@
+"""Standing vehicles: returns of all sweeps that stay, as a map of voxels, of which parts as large as a vehicle are fitted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import FloatArray
+from .boxes import closest_heading, completed, extent
+from .ground import GroundHeights
+from .register import rotated
+from .shape import USUAL_M
+
+VOXEL_M = 0.15
+RANGE_M = 60.0
+BATCH = 16
+"""Number of sweeps whose voxels are added to the map at once."""
+TALL_M = (2.4, 2.9)
+"""What returns at these heights, and below them, is no car: a wall, a trunk, a pole."""
+LOW_M, HIGH_M = 0.25, 2.4
+LEAST_SWEEPS, LEAST_VOXELS = 2, 12
+MOST_PIECES_M, WEAK, PIECE_LOW_M = 14.0, 0.25, 0.4
+"""What is no longer than this, and too long for a vehicle, is parted at its weakest voxels, and above this height."""
+LONGEST_M, WIDEST_M, SHORTEST_M = 6.6, 2.8, 1.3
+LOWEST_TOP_M, HIGHEST_TOP_M = 1.0, 2.35
+SIDE_M, GLASS_M = (0.4, 0.95), (1.15, 1.7)
+"""Heights of a car's side and of its windows, which lean in."""
+LEANS_M = (0.08, 0.5)
+EDGE_M = 0.2
+END_M = 2.5
+"""What is shorter is a vehicle's end alone."""
+FLAT_M = 0.7
+"""What is less deep may be a wall."""
+COLUMNS = ("count", "x", "y", "z", "origin x", "origin y", "first", "last")
+"""Values of a voxel: sums over its returns, and the times of the first and the last one, seconds."""
+
+
+@dataclass(frozen=True)
+class StandingBox:
+    """A box (yaw, middle (2,), edges (3,)) around returns that stay, seen from ``first_s`` to ``last_s``."""
+
+    yaw_rad: float
+    middle: FloatArray
+    size_m: FloatArray
+    first_s: float
+    last_s: float
+    certainty: float
+    returns: int
+    sweeps: int
+    rise_m: float
+    """How much higher returns reach in the rear third than in the front one, metres; 0 where an end is not seen."""
+    is_end: bool
+    """Whether only an end is seen, so that the heading may be off by a quarter of a turn."""
+
+
+class StandingMap:
+    """Takes the returns of sweeps that stay, one sweep at a time; stores sums of each voxel."""
+
+    def __init__(self, keys: NDArray[np.int32] | None = None, values: FloatArray | None = None) -> None:
+        self.keys = np.zeros((0, 3), np.int32) if keys is None else keys
+        self.values = np.zeros((0, len(COLUMNS))) if values is None else values
+        self.batch: list[tuple[NDArray[np.int32], FloatArray]] = []
+
+    def add(self, points: FloatArray, origin: FloatArray, time_s: float) -> None:
+        """Add returns (N, 3) of a sweep from ``origin`` (3,)."""
+        near = points[np.linalg.norm(points[:, :2] - origin[:2], axis=1) < RANGE_M]
+        keys, inverse, count = np.unique(
+            np.floor(near / VOXEL_M).astype(np.int32), axis=0, return_inverse=True, return_counts=True
+        )
+        if not len(keys):
+            return
+        means = np.stack([np.bincount(inverse.ravel(), near[:, axis]) for axis in range(3)], 1) / count[:, None]
+        one = np.ones(len(keys))
+        values = [one, *means.T, one * origin[0], one * origin[1], one * time_s, one * time_s]
+        self.batch.append((keys, np.stack(values, 1)))
+        if len(self.batch) >= BATCH:
+            self._merge()
+
+    def _merge(self) -> None:
+        keys = np.concatenate([self.keys, *(keys for keys, _ in self.batch)])
+        values = np.concatenate([self.values, *(values for _, values in self.batch)])
+        self.batch = []
+        order = np.lexsort(keys.T)
+        keys, values = keys[order], values[order]
+        first = np.flatnonzero(np.append(True, (np.diff(keys, axis=0) != 0).any(1))) if len(keys) else np.zeros(0, int)
+        self.keys = keys[first]
+        if len(first):
+            sums = np.add.reduceat(values[:, :6], first)
+            begin, end = np.minimum.reduceat(values[:, 6], first), np.maximum.reduceat(values[:, 7], first)
+            self.values = np.concatenate([sums, begin[:, None], end[:, None]], 1)
+
+    def content(self) -> tuple[NDArray[np.int32], FloatArray]:
+        """Return the voxels (N, 3) and their values (N, `COLUMNS`)."""
+        self._merge()
+        return self.keys, self.values
+
+    def parts(self, ground: GroundHeights) -> list[FloatArray]:
+        """Return voxels (N, `COLUMNS`) of each thing below `HIGH_M`, with means in place of sums, and heights above the
+        ground in place of z; what is taller is left out."""
+        from scipy import ndimage
+
+        values = self.content()[1]
+        values = values[values[:, 0] >= LEAST_SWEEPS]
+        if not len(values):
+            return []
+        values = np.concatenate([values[:, :1], values[:, 1:6] / values[:, :1], values[:, 6:]], 1)
+        values[:, 3] -= ground.height(values[:, 1:3])
+        cell = np.floor(values[:, 1:3] / VOXEL_M).astype(np.int64)
+        cell -= cell.min(0)
+        shape = tuple((cell.max(0) + 1).tolist())
+        tall, low = np.zeros(shape, np.bool_), np.zeros(shape, np.bool_)
+        is_tall = (values[:, 3] > TALL_M[0]) & (values[:, 3] < TALL_M[1])
+        is_low = (values[:, 3] > LOW_M) & (values[:, 3] < HIGH_M)
+        tall[tuple(cell[is_tall].T)] = True
+        low[tuple(cell[is_low].T)] = True
+        tall &= ndimage.binary_dilation(low)
+        label, _ = ndimage.label(low & ~ndimage.binary_dilation(tall), np.ones((3, 3)))
+        numbers = np.where(is_low, label[tuple(cell.T)], 0)
+        order = np.argsort(numbers, kind="stable")
+        groups = np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1)
+        parts = [values[group] for group in groups if numbers[group[0]] and len(group) >= LEAST_VOXELS]
+        return [piece for part in parts for piece in _pieces(part)]
+
+
+def _pieces(voxels: FloatArray) -> list[FloatArray]:
+    """Return parts of voxels that are larger than a vehicle, where fewer returns connect them; else the voxels."""
+    from scipy import ndimage
+
+    yaw = closest_heading(voxels[:, 1:3])
+    longer = float(np.ptp(rotated(np.full(len(voxels), -yaw), voxels[:, 1:3]), 0).max())
+    if not LONGEST_M < longer < MOST_PIECES_M:
+        return [voxels]
+    strong = voxels[(voxels[:, 0] >= np.quantile(voxels[:, 0], WEAK)) & (voxels[:, 3] > PIECE_LOW_M)]
+    cell = np.floor((strong[:, 1:3] - strong[:, 1:3].min(0)) / VOXEL_M).astype(np.int64)
+    grid = np.zeros(cell.max(0) + 1, np.bool_)
+    grid[tuple(cell.T)] = True
+    number = ndimage.label(grid)[0][tuple(cell.T)]
+    pieces = [strong[number == one] for one in np.unique(number)]
+    return [piece for piece in pieces if len(piece) >= LEAST_VOXELS]
+
+
+def standing_box(voxels: FloatArray) -> StandingBox | None:
+    """Return the box of a vehicle around voxels of `StandingMap.parts`; None where they are no vehicle's."""
+    xy, top = voxels[:, 1:3], float(np.quantile(voxels[:, 3], 0.98))
+    if not LOWEST_TOP_M < top < HIGHEST_TOP_M:
+        return None
+    yaw = closest_heading(xy)
+    spans = np.ptp(rotated(np.full(len(xy), -yaw), xy), 0)
+    shorter, longer = sorted(spans.tolist())
+    if longer > LONGEST_M or shorter > WIDEST_M or longer < SHORTEST_M:
+        return None
+    is_end = longer < END_M  # an end alone is wider than it is deep
+    if (spans[1] > spans[0]) != is_end:
+        yaw += np.pi / 2
+    turn = np.full(len(xy), -yaw)
+    local, views = rotated(turn, xy), rotated(turn, voxels[:, 4:6])
+    size, middle = np.array([0.0, 0.0, top]), np.zeros(2)
+    for axis in (0, 1):
+        low, high = extent(local[:, axis])
+        usual = USUAL_M["Car"][axis]
+        viewed = float(np.clip((views[:, axis] - (low + high) / 2) / max(high - low, usual), -1, 1).mean())
+        low, high = completed(low, high, usual, viewed)
+        size[axis], middle[axis] = high - low, (low + high) / 2
+    certainty = _certainty(voxels, local, views)
+    return StandingBox(
+        float(yaw),
+        rotated(np.array(yaw), middle),
+        size,
+        float(voxels[:, 6].min()),
+        float(voxels[:, 7].max()),
+        certainty,
+        int(voxels[:, 0].sum()),
+        int(voxels[:, 0].max()),
+        _rise(local[:, 0], voxels[:, 3]),
+        is_end,
+    )
+
+
+def _rise(along: FloatArray, height: FloatArray) -> float:
+    low, high = extent(along)
+    third = (high - low) / 3
+    rear, front = height[along < low + third], height[along > high - third]
+    if high - low < END_M or min(len(rear), len(front)) < LEAST_VOXELS:
+        return 0.0
+    return float(np.quantile(rear, 0.9) - np.quantile(front, 0.9))
+
+
+def _certainty(voxels: FloatArray, local: FloatArray, views: FloatArray) -> float:
+    """Return how certain it is that voxels, at ``local`` (N, 2) in the box's frame, are a vehicle's: by their size, by
+    whether windows lean in, and by what lies inside of the outline, as of hoods and roofs and not of walls."""
+    height = voxels[:, 3]
+    spans = np.ptp(local, 0)
+    side, glass = ((height > low) & (height < high) for low, high in (SIDE_M, GLASS_M))
+    lean = float("nan")
+    if min(side.sum(), glass.sum()) > 5:
+        towards = np.sign((views[:, 1] - local[:, 1]).mean()) * local[:, 1]
+        lean = float(np.quantile(towards[side], 0.95) - np.quantile(towards[glass], 0.95))
+    depth = np.minimum(local - local.min(0), local.max(0) - local).min(1)
+    inside = float(np.clip(((depth > EDGE_M).mean() - 0.2) / 0.2, 0, 1))
+    seen = 1 - float(np.exp(-len(voxels) / 100))
+    often = float(np.clip((voxels[:, 0].mean() - 2.5) / 2, 0, 1))
+    if spans[0] < END_M or spans[1] < FLAT_M:
+        return 0.4 * inside * seen * often
+    if not LEANS_M[0] < lean < LEANS_M[1]:  # a van's, a truck's and a box's sides are upright
+        return (0.7 if spans[1] > 1.5 and abs(lean) < LEANS_M[0] else 0.3) * inside * seen * often
+    return inside * seen * often
