@@ -72,7 +72,7 @@ class DrivenLog:
         path.touch()
         times = {frame: frame * STEP_S for frame in range(frames)}
         keys = np.array([-1.0, 10.0])
-        ego = Trajectory(keys, np.stack([SPEED * keys, 0 * keys, 0 * keys], 1), quaternion_from_yaw(0 * keys))
+        ego = Trajectory(keys, np.stack([SPEED * keys, 0 * keys, 0 * keys], 1), quaternion_from_yaw(0.0 * keys))
         lidar = Lidar("top", MODEL, ego.transformed(right=MOUNT), times)
         self.drive = Drive("street", tuple(times), times, ego, {}, {"top": lidar} if frames else {}, {})
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ..geometry import FloatArray, first_in_voxels
 from .free_space import RangeImage, left_or_entered
-from .ground import Ground
-from .scans import Scan
+from .ground import GroundHeights
+from .scans import FAR_M, Scan
 
 LOW_M, HIGH_M = 0.25, 4.5
 """Heights above the ground of returns that may be an actor's."""
@@ -51,15 +51,16 @@ def merged(clusters: Sequence[Cluster]) -> Cluster:
     return Cluster(points, time_s, np.mean([cluster.origin for cluster in clusters], 0))
 
 
-def above_ground(scan: Scan, ground: Ground) -> NDArray[np.int64]:
-    """Return indices of a sweep's returns between `LOW_M` and `HIGH_M` above the ground, one of each voxel."""
+def above_ground(scan: Scan, ground: GroundHeights) -> NDArray[np.int64]:
+    """Return indices of a sweep's returns within `FAR_M`, from `LOW_M` to `HIGH_M` above the ground, one of each voxel."""
     height = scan.points[:, 2] - ground.height(scan.points)
-    keep = np.flatnonzero((height > LOW_M) & (height < HIGH_M))
+    near = np.linalg.norm(scan.points[:, :2] - scan.origins[:, :2], axis=1) < FAR_M
+    keep = np.flatnonzero((height > LOW_M) & (height < HIGH_M) & near)
     return keep[first_in_voxels(scan.points[keep], THIN_M)]
 
 
 def moving_clusters(
-    scan: Scan, ground: Ground, images: Mapping[int, RangeImage], chosen: Sequence[Sequence[int]]
+    scan: Scan, ground: GroundHeights, images: Mapping[int, RangeImage], chosen: Sequence[Sequence[int]]
 ) -> tuple[list[Cluster], FloatArray]:
     """Return clusters of a sweep that other sweeps (``chosen``: `free_space.windows`) see through the place of, and
     returns (N, 3) above the ground that stand."""

@@ -20,11 +20,11 @@ from ..geometry import FloatArray
 from ..poses.posed import cached_file
 from .clusters import Cluster, moving_clusters
 from .free_space import range_image, windows
-from .ground import Ground, GroundBuilder
+from .ground import GroundBuilder, GroundHeights
 from .scans import read_scan, scans_of
 from .standing import StandingMap
 
-VERSION = 1
+VERSION = 2
 """Counted on whenever a stage here changes: what an older program cached is made anew."""
 SearchProgress = Callable[[str, float], object]
 """Called with the name of a stage and the fraction of it that is done; what it raises cancels the search."""
@@ -34,7 +34,7 @@ SearchProgress = Callable[[str, float], object]
 class Evidence:
     """The ground, the clusters of each sweep of what moves, what stays, and the sweeps' times (S,), seconds."""
 
-    ground: Ground
+    ground: GroundHeights
     clusters: tuple[tuple[Cluster, ...], ...]
     stays: StandingMap
     times_s: FloatArray
@@ -106,4 +106,4 @@ def _read(path: Path) -> Evidence:
     last = np.cumsum(content["in_sweep"])
     sweeps = tuple(tuple(clusters[end - count : end]) for end, count in zip(last, content["in_sweep"], strict=True))
     stays = StandingMap(content["keys"], content["values"])
-    return Evidence(Ground(content["corner"], content["heights"]), sweeps, stays, content["times_s"])
+    return Evidence(GroundHeights(content["corner"], content["heights"]), sweeps, stays, content["times_s"])

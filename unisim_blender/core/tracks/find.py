@@ -15,7 +15,7 @@ from .box_file import Track
 from .boxes import closest_heading
 from .clusters import Cluster
 from .evidence import SearchProgress, evidence_of
-from .ground import Ground
+from .ground import GroundHeights
 from .register import PlanarPath, register, returns_of, rotated, smoothed
 from .shape import VEHICLES, shape_of, supported
 from .standing import StandingBox, standing_box
@@ -27,6 +27,11 @@ MOVED = 0.4
 NOISE_M = 0.5
 LEAST_CERTAINTY = 0.05
 SOURCE = "lidar"
+SURE = 0.5
+BESIDE_M = 15.0
+"""Traffic this near tells which way a standing vehicle looks."""
+RISE_M = 0.12
+"""A vehicle's rear is this much higher than its front, where that tells them apart."""
 
 
 def find_tracks(log: Log, progress: SearchProgress = lambda stage, done: None) -> tuple[Track, ...]:
@@ -43,13 +48,14 @@ def find_tracks(log: Log, progress: SearchProgress = lambda stage, done: None) -
             moving.append(track)
         progress("registration", (number + 1) / len(chains))
     boxes = [box for part in evidence.stays.parts(ground) if (box := standing_box(part)) is not None]
-    standing_tracks = [_standing_track(f"{number:03d}", box, ground) for number, box in enumerate(boxes)]
+    ways = _ways([log.drive.world_from_ego, *(t.actor.world_from_actor for t in moving if t.certainty > SURE)])
+    standing_tracks = [_standing_track(f"{number:03d}", box, ground, ways) for number, box in enumerate(boxes)]
     progress("standing", 1.0)
     tracks = [track for track in (*moving, *standing_tracks) if track.certainty >= LEAST_CERTAINTY]
     return tuple(without_doubles(tracks))
 
 
-def _moving_track(uid: str, clusters: Sequence[Cluster], ground: Ground, times_s: FloatArray) -> Track | None:
+def _moving_track(uid: str, clusters: Sequence[Cluster], ground: GroundHeights, times_s: FloatArray) -> Track | None:
     """Return the track of clusters of one thing; None of one that does not move. ``times_s``: of all sweeps."""
     times = np.array([cluster.middle_s for cluster in clusters])
     keep = np.append(True, np.diff(times) > 1e-3)
@@ -101,17 +107,41 @@ def _certainty(sweeps: int, fill: float, returns: float, support: float, seen: f
     return float(np.prod(parts))
 
 
-def _standing_track(uid: str, box: StandingBox, ground: Ground) -> Track:
-    path = PlanarPath(np.array([box.first_s]), box.middle[None], np.array([box.yaw_rad]))
+def _ways(paths: Sequence[Trajectory]) -> FloatArray:
+    """Return places and directions (N, 4) along the ways of what moves."""
+    rows = [np.zeros((0, 4))]
+    for path in paths:
+        steps = np.diff(path.positions[:, :2], axis=0)
+        length = np.linalg.norm(steps, axis=1)
+        moves = length > 0.02
+        rows.append(np.concatenate([path.positions[:-1, :2][moves], steps[moves] / length[moves, None]], 1))
+    return np.concatenate(rows)
+
+
+def _heading(box: StandingBox, ways: FloatArray) -> float:
+    """Return a box's heading: its lower end is its front; where neither is lower, it looks where traffic beside it goes. Of
+    an end alone, traffic tells along which axis it is, too."""
+    yaw = box.yaw_rad
+    away = np.linalg.norm(ways[:, :2] - box.middle, axis=1)
+    beside = ways[away.argmin(), 2:] if len(away) and away.min() < BESIDE_M else None
+    if box.is_end and beside is not None and abs(beside @ (np.cos(yaw), np.sin(yaw))) < np.sqrt(0.5):
+        yaw += np.pi / 2
+    elif abs(box.rise_m) > RISE_M:
+        return yaw if box.rise_m > 0 else yaw + np.pi
+    return yaw + np.pi if beside is not None and beside @ (np.cos(yaw), np.sin(yaw)) < 0 else yaw
+
+
+def _standing_track(uid: str, box: StandingBox, ground: GroundHeights, ways: FloatArray) -> Track:
+    path = PlanarPath(np.array([box.first_s]), box.middle[None], np.array([_heading(box, ways)]))
     actor = actor_of(f"standing-{uid}", "Car", box.size_m, path, ground, False)
     return Track(replace(actor, end_s=box.last_s), box.certainty, SOURCE, box.returns, box.sweeps)
 
 
 def without_doubles(tracks: Sequence[Track]) -> list[Track]:
-    """Return tracks without those that for most of their time lie in the place of one with more returns: a mirror that
-    is a cluster of its own."""
+    """Return tracks without those that for most of their time lie in the place of a surer one, or of one with more
+    returns: a mirror that is a cluster of its own."""
     chosen: list[Track] = []
-    for track in sorted(tracks, key=lambda track: (-track.returns, track.actor.uid)):
+    for track in sorted(tracks, key=lambda track: (track.certainty < SURE, -track.returns, track.actor.uid)):
         if not any(_covers(other.actor, track.actor) for other in chosen):
             chosen.append(track)
     order = {id(track): number for number, track in enumerate(tracks)}
@@ -132,7 +162,9 @@ def _covers(larger: Actor, smaller: Actor) -> bool:
     return bool(grid > 0.25 or middle.all(-1).mean() > 0.5)
 
 
-def actor_of(uid: str, label: str, size_m: FloatArray, path: PlanarPath, ground: Ground, is_moving: bool) -> Actor:
+def actor_of(
+    uid: str, label: str, size_m: FloatArray, path: PlanarPath, ground: GroundHeights, is_moving: bool
+) -> Actor:
     """Return the actor on a path, which stands on the ground."""
     positions = np.concatenate([path.positions, (ground.height(path.positions) + size_m[2] / 2)[:, None]], 1)
     track = Trajectory(path.times_s, positions, quaternion_from_yaw(path.yaw_rad))

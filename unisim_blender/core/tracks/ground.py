@@ -22,7 +22,7 @@ DEEP_M = 0.4
 
 
 @dataclass(frozen=True)
-class Ground:
+class GroundHeights:
     """Heights (X, Y) of cells `CELL_M` wide, metres; the first cell begins at ``corner`` (2,)."""
 
     corner: FloatArray
@@ -62,7 +62,7 @@ class GroundBuilder:
         second[cells] = np.minimum(second[cells], np.maximum(low[cells], new))
         low[cells] = np.minimum(low[cells], new)
 
-    def ground(self) -> Ground:
+    def ground(self) -> GroundHeights:
         """Return the ground below all sweeps so far; level at 0 where nothing returned."""
         import_scipy("to find tracks,")
         from scipy import ndimage
@@ -71,7 +71,7 @@ class GroundBuilder:
         height = np.where(np.isfinite(second), second, low)
         known = np.isfinite(height)
         if not known.any():
-            return Ground(self.corner, np.zeros_like(height))
+            return GroundHeights(self.corner, np.zeros_like(height))
 
         def filled(values: NDArray[np.float32], there: NDArray[np.bool_]) -> NDArray[np.float32]:
             near = ndimage.distance_transform_edt(~there, return_distances=False, return_indices=True)
@@ -83,6 +83,6 @@ class GroundBuilder:
         opened = ndimage.grey_opening(height, round(OPENING_M / CELL_M))
         is_ground = known & (height - opened < ABOVE_M)
         if not is_ground.any():
-            return Ground(self.corner, opened)
+            return GroundHeights(self.corner, opened)
         height = filled(height, is_ground)
-        return Ground(self.corner, ndimage.gaussian_filter(height, SMOOTH_M / CELL_M).astype(np.float32))
+        return GroundHeights(self.corner, ndimage.gaussian_filter(height, SMOOTH_M / CELL_M).astype(np.float32))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..geometry import FloatArray
 from .boxes import closest_heading, completed, extent
-from .ground import Ground
+from .ground import GroundHeights
 from .register import rotated
 from .shape import USUAL_M
 
@@ -21,6 +21,8 @@ TALL_M = (2.4, 2.9)
 """What returns at these heights, and below them, is no car: a wall, a trunk, a pole."""
 LOW_M, HIGH_M = 0.25, 2.4
 LEAST_SWEEPS, LEAST_VOXELS = 2, 12
+MOST_PIECES_M, WEAK, PIECE_LOW_M = 14.0, 0.25, 0.4
+"""What is no longer than this, and too long for a vehicle, is parted at its weakest voxels, and above this height."""
 LONGEST_M, WIDEST_M, SHORTEST_M = 6.6, 2.8, 1.3
 LOWEST_TOP_M, HIGHEST_TOP_M = 1.0, 2.35
 SIDE_M, GLASS_M = (0.4, 0.95), (1.15, 1.7)
@@ -47,6 +49,10 @@ class StandingBox:
     certainty: float
     returns: int
     sweeps: int
+    rise_m: float
+    """How much higher returns reach in the rear third than in the front one, metres; 0 where an end is not seen."""
+    is_end: bool
+    """Whether only an end is seen, so that the heading may be off by a quarter of a turn."""
 
 
 class StandingMap:
@@ -90,7 +96,7 @@ class StandingMap:
         self._merge()
         return self.keys, self.values
 
-    def parts(self, ground: Ground) -> list[FloatArray]:
+    def parts(self, ground: GroundHeights) -> list[FloatArray]:
         """Return voxels (N, `COLUMNS`) of each thing below `HIGH_M`, with means in place of sums, and heights above the
         ground in place of z; what is taller is left out."""
         from scipy import ndimage
@@ -114,7 +120,25 @@ class StandingMap:
         numbers = np.where(is_low, label[tuple(cell.T)], 0)
         order = np.argsort(numbers, kind="stable")
         groups = np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1)
-        return [values[group] for group in groups if numbers[group[0]] and len(group) >= LEAST_VOXELS]
+        parts = [values[group] for group in groups if numbers[group[0]] and len(group) >= LEAST_VOXELS]
+        return [piece for part in parts for piece in _pieces(part)]
+
+
+def _pieces(voxels: FloatArray) -> list[FloatArray]:
+    """Return parts of voxels that are larger than a vehicle, where fewer returns connect them; else the voxels."""
+    from scipy import ndimage
+
+    yaw = closest_heading(voxels[:, 1:3])
+    longer = float(np.ptp(rotated(np.full(len(voxels), -yaw), voxels[:, 1:3]), 0).max())
+    if not LONGEST_M < longer < MOST_PIECES_M:
+        return [voxels]
+    strong = voxels[(voxels[:, 0] >= np.quantile(voxels[:, 0], WEAK)) & (voxels[:, 3] > PIECE_LOW_M)]
+    cell = np.floor((strong[:, 1:3] - strong[:, 1:3].min(0)) / VOXEL_M).astype(np.int64)
+    grid = np.zeros(cell.max(0) + 1, np.bool_)
+    grid[tuple(cell.T)] = True
+    number = ndimage.label(grid)[0][tuple(cell.T)]
+    pieces = [strong[number == one] for one in np.unique(number)]
+    return [piece for piece in pieces if len(piece) >= LEAST_VOXELS]
 
 
 def standing_box(voxels: FloatArray) -> StandingBox | None:
@@ -149,7 +173,18 @@ def standing_box(voxels: FloatArray) -> StandingBox | None:
         certainty,
         int(voxels[:, 0].sum()),
         int(voxels[:, 0].max()),
+        _rise(local[:, 0], voxels[:, 3]),
+        is_end,
     )
+
+
+def _rise(along: FloatArray, height: FloatArray) -> float:
+    low, high = extent(along)
+    third = (high - low) / 3
+    rear, front = height[along < low + third], height[along > high - third]
+    if high - low < END_M or min(len(rear), len(front)) < LEAST_VOXELS:
+        return 0.0
+    return float(np.quantile(rear, 0.9) - np.quantile(front, 0.9))
 
 
 def _certainty(voxels: FloatArray, local: FloatArray, views: FloatArray) -> float:
