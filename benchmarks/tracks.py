@@ -143,6 +143,7 @@ def scores(frames: Sequence[Sequence[FrameBoxes]]) -> dict[str, float]:
         "precision": 100 * right / max(data["num_tracker_dets"], 1),
         "centre m": float(np.median(centre)) if centre else float("nan"),
         "heading deg": float(np.median(heading)) if heading else float("nan"),
+        "axis deg": float(np.median(90 - np.abs(90 - np.array(heading)))) if heading else float("nan"),
         "reversed": 100 * float(np.mean(np.array(heading) > 90)) if heading else float("nan"),
         "switches": int(clear["IDSW"]),
     }

@@ -322,9 +322,14 @@ class Trajectory:
 
 
 def split_trajectories(
-    times_s: FloatArray, positions: FloatArray, quaternions_wxyz: FloatArray, counts: Sequence[int]
+    times_s: FloatArray,
+    positions: FloatArray,
+    quaternions_wxyz: FloatArray,
+    counts: Sequence[int],
+    walked_m: Sequence[float] | None = None,
 ) -> list[Trajectory]:
     """Split keys (T,), (T, 3), (T, 4) into consecutive trajectories of ``counts`` keys each, faster than one by one.
+    ``walked_m`` are their `Trajectory.start_walked_m`.
 
     Raises `TrajectoryError` as `Trajectory` does.
     """
@@ -337,14 +342,18 @@ def split_trajectories(
     sound = (
         later.all() and bool((np.abs(norms - 1) <= 1e-9).all()) and all(np.isfinite(values).all() for values in arrays)
     )
+    starts = [0.0] * len(parts) if walked_m is None else walked_m
     if not sound or 0 in counts:
-        return [Trajectory(times_s[part], positions[part], quaternions_wxyz[part]) for part in parts]
+        return [
+            Trajectory(times_s[part], positions[part], quaternions_wxyz[part], start)
+            for part, start in zip(parts, starts, strict=True)
+        ]
     trajectories = []
-    for part in parts:
+    for part, start in zip(parts, starts, strict=True):
         trajectory: Trajectory = object.__new__(Trajectory)
         for name, values in zip(("times_s", "positions", "quaternions_wxyz"), arrays, strict=True):
             object.__setattr__(trajectory, name, values[part])
-        object.__setattr__(trajectory, "start_walked_m", 0.0)
+        object.__setattr__(trajectory, "start_walked_m", start)
         trajectories.append(trajectory)
     return trajectories
 

@@ -26,8 +26,8 @@ from written_street import write_recipe
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import what_is_missing
 from unisim_blender.core.executors import EXECUTORS
-from unisim_blender.core.formats.common.writer import WRITERS
 from unisim_blender.core.formats.readers import READERS
+from unisim_blender.core.formats.writers import WRITERS
 from unisim_blender.core.lenses import LENSES
 from unisim_blender.core.prepare.renderers import RENDERERS
 from unisim_blender.core.presets import PRESETS

@@ -35,6 +35,7 @@ from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.simulation.step import step
 from unisim_blender.core.simulation.vehicle.actions import Control
 from unisim_blender.core.simulation.vehicle.parameters import Vehicle
+from unisim_blender.core.simulation.world import recorded_keys
 
 FRAMES = 8
 SURFELS = ("--renderer", "surfel", "--quality", "fast")
@@ -402,6 +403,35 @@ def test_the_drive_of_a_world_is_that_of_its_edits(log: Path, tmp_path: Path) ->
             other_camera = wanted.cameras[name].world_from_camera
             np.testing.assert_allclose(camera.world_from_camera.at(at), other_camera.at(at), atol=1e-5)
     assert world.strayed
+
+
+def test_the_lengths_of_actors_paths_are_those_of_the_scenario_of_what_was_driven(log: Path, tmp_path: Path) -> None:
+    """By which people's legs move: a world has the keys of the last second alone."""
+    (tmp_path / "longer.json").write_text(json.dumps({
+        "format": "unisim-scenario", "version": 1, "name": "longer", "log": str(log), "edits": [],
+        "outside": "continue", "simulation": {"start_s": 0.5, "duration_s": 2.3, "actors": {OTHER_ACTORS: {"type": "auto"}}},
+    }))  # fmt: skip
+    opened = open_scenario(tmp_path / "longer.json", RenderOptions(renderer="surfel", sensors=("front_camera",)))
+    assert opened.scenario.simulation is not None
+    simulation = opened.simulation(opened.scenario.simulation, driver_named("constant"), tmp_path)
+    world, context, moved = simulation.begin, simulation.context, simulation.scenario_drive
+    history = loop._History()
+    history.note(world)
+    while world.time_us < context.stop_us:
+        world = step(world, Control(0.5, 0.03), context)
+        history.note(world)
+    drive, at = moved.drive_at(world), np.linspace(world.time_us - 90_000, world.time_us, 7) / 1e6
+    lengths = []
+    for uid, known in history.actors.items():
+        keys = known.keys()
+        keys = (*recorded_keys(moved.base.actors[uid].world_from_actor, None, keys[0].time_s), *keys)
+        (edit,) = edits_of(moved, (), {uid: keys}, world.strayed, world.vanished_s)
+        whole = moved.with_edits([edit]).actors[uid].world_from_actor
+        own = drive.actors[uid].world_from_actor
+        assert len(own.times_s) < len(whole.times_s)
+        np.testing.assert_allclose(own.walked_at(at), whole.walked_at(at), atol=1e-9)
+        lengths.append(own.start_walked_m)
+    assert max(lengths) > 1.0
 
 
 def test_cameras_have_the_scenarios_poses_long_after_the_recording(log: Path, tmp_path: Path) -> None:

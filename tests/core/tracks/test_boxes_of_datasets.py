@@ -14,6 +14,7 @@ sys.path.append(str(Path(__file__).parents[3] / "benchmarks"))
 
 from layout_logs.recording import Size, make_recording, write_pandaset
 
+from unisim_blender.core.cli.main import run
 from unisim_blender.core.convert import convert, open_source
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import LogError
@@ -24,7 +25,7 @@ from unisim_blender.core.formats.nuscenes.results import CLASSES
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.formats.writers import writer_named
 from unisim_blender.core.geometry import FloatArray, invert_pose
-from unisim_blender.core.tracks.box_file import Track, write_boxes
+from unisim_blender.core.tracks.box_file import Track, read_boxes, write_boxes
 
 LAYOUTS = ("argoverse2", "kitti", "kitti-tracking", "nuscenes", "pandaset")
 
@@ -164,3 +165,22 @@ def test_a_file_that_no_layout_has(logs: Logs, tmp_path: Path) -> None:
         open_boxes(logs.boxed.parent / "bare", tmp_path / "x.json")
     with pytest.raises(LogError, match="there is no such file of boxes"):
         with_boxes(logs.boxed.parent / "bare", tmp_path / "y.json")
+
+
+def test_track_writes_boxes_from_elsewhere_and_links_detections(logs: Logs, tmp_path: Path) -> None:
+    log = logs.converted["argoverse2"]
+    out = tmp_path / "out.boxes.json"
+    assert run(["track", str(log), "--boxes", str(log / "annotations.feather"), "--out", str(out), "--quiet"]) == 0
+    assert open_log(out).drive.actors.keys() == open_log(log).drive.actors.keys()
+    table = read_feather(log / "annotations.feather", COLUMNS)
+    detected = {name: values.tolist() if values.dtype.kind in "UO" else values for name, values in table.items()}
+    del detected["track_uuid"]
+    (tmp_path / "detected.feather").write_bytes(
+        feather_bytes({**detected, "score": np.full(len(table["category"]), 0.6)})
+    )
+    args = ["track", str(log), "--boxes", str(tmp_path / "detected.feather"), "--out", str(out), "--quiet"]
+    assert run([*args, "--poses", "log"]) == 0
+    boxes = read_boxes(out)
+    assert boxes.source == "unisim track and detected.feather" and len(boxes.tracks) >= 12
+    assert any("detected.feather" in track.source and track.certainty >= 0.6 for track in boxes.tracks)
+    assert run([*args, "--detector", "x"]) == 1

@@ -259,7 +259,7 @@ def _is_unchanged(a: Actor, b: Actor, before: WorldState, after: WorldState) -> 
     if a.size_m is not b.size_m and not np.array_equal(a.size_m, b.size_m):
         return False
     ways_m = a.world_from_actor.start_walked_m, b.world_from_actor.start_walked_m
-    if ways_m[0] != ways_m[1] and motion_of(a.label) == "deforming":
+    if abs(ways_m[0] - ways_m[1]) > 1e-6 and motion_of(a.label) == "deforming":
         return False  # limbs follow the length of the path
     same_window = (before.start_s, before.end_s, a.start_s, a.end_s) == (after.start_s, after.end_s, b.start_s, b.end_s)
     if same_window and a.world_from_actor.content() == b.world_from_actor.content():

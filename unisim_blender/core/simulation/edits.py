@@ -141,7 +141,8 @@ class ScenarioDrive:
         quaternions = unit_quaternions(np.array([key.quaternion_wxyz for key in every]))
         times, positions = np.array([key.time_s for key in every]), np.array([key.position_m for key in every])
         actors = {}
-        parts = split_trajectories(times, positions, quaternions, [len(keys) for keys in recent])
+        lengths, walked = [len(keys) for keys in recent], [keys[0].walked_m for keys in recent]
+        parts = split_trajectories(times, positions, quaternions, lengths, walked)
         for (uid, keys), trajectory in zip(world.keys.items(), parts, strict=True):
             actor = self.base.actors[uid]
             present = self.present(uid, uid in world.strayed, world.vanished_s.get(uid))

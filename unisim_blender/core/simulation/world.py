@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -33,11 +34,13 @@ Action = Control | Plan | FollowLog
 
 @dataclass(frozen=True, slots=True)
 class PoseKey:
-    """A pose at a time, seconds: position in metres, world frame, and unit quaternion."""
+    """A pose at a time, seconds: position in metres, world frame, and unit quaternion. ``walked_m`` is the length of the path up
+    to it (`Trajectory.walked_m`) in an actor's keys."""
 
     time_s: float
     position_m: Vector3
     quaternion_wxyz: Quaternion
+    walked_m: float = 0.0
 
     @staticmethod
     def of(time_us: int, pose: FloatArray) -> PoseKey:
@@ -58,7 +61,8 @@ class PoseKey:
         place, quaternion = trajectory.placed_at(time_us / US_PER_SECOND)
         x, y, z = place.tolist()
         a, b, c, d = quaternion.tolist()
-        return PoseKey(time_us / US_PER_SECOND, (x, y, z), (a, b, c, d))
+        walked_m = float(trajectory.walked_at(time_us / US_PER_SECOND))
+        return PoseKey(time_us / US_PER_SECOND, (x, y, z), (a, b, c, d), walked_m)
 
 
 PoseKeys = tuple[PoseKey, ...]
@@ -98,9 +102,17 @@ def extended(keys: PoseKeys, new: Iterable[PoseKey], time_us: int, carries: bool
     """Return keys with new ones that lie behind them, less those that no exposure after ``time_us - KEY_HISTORY_S`` needs.
     ``carries``: they are of the vehicle, and sensors ride on it (`since_rest`)."""
     last = keys[-1].time_s if keys else None
-    joined = (*keys, *(key for key in new if last is None or key.time_s > last))
-    recent = keys_from(joined, time_us / US_PER_SECOND - KEY_HISTORY_S)
-    return since_rest(joined, recent) if carries else recent
+    joined = list(keys)
+    for key in new:
+        if last is None or key.time_s > last:
+            joined.append(key if carries or not joined else _walked_on(joined[-1], key))
+    recent = keys_from(tuple(joined), time_us / US_PER_SECOND - KEY_HISTORY_S)
+    return since_rest(tuple(joined), recent) if carries else recent
+
+
+def _walked_on(before: PoseKey, key: PoseKey) -> PoseKey:
+    (x0, y0, _), (x1, y1, _) = before.position_m, key.position_m
+    return replace(key, walked_m=before.walked_m + math.hypot(x1 - x0, y1 - y0))
 
 
 def keys_from(keys: PoseKeys, time_s: float) -> PoseKeys:
@@ -128,6 +140,11 @@ def recorded_keys(trajectory: Trajectory, after_s: float | None, before_s: float
     times = trajectory.times_list
     first = 0 if after_s is None else bisect_right(times, after_s)
     return tuple(
-        PoseKey(times[at], tuple(trajectory.positions[at].tolist()), tuple(trajectory.quaternions_wxyz[at].tolist()))
+        PoseKey(
+            times[at],
+            tuple(trajectory.positions[at].tolist()),
+            tuple(trajectory.quaternions_wxyz[at].tolist()),
+            float(trajectory.walked_m[at]),
+        )
         for at in range(first, bisect_left(times, before_s))
     )

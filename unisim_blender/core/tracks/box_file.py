@@ -301,17 +301,31 @@ class BoxedLog:
 
 def boxed_log(log: Log, boxes: BoxFile) -> Log:
     """Return a log with the boxes of a file as its only actors. Raises `LogError` where they are of another drive."""
-    drive = log.drive
-    shift = np.zeros(3) if boxes.world_origin is None else boxes.world_origin - drive.world_origin
-    _check_same_drive(boxes, drive, shift)
-    actors = [track.actor for track in boxes.tracks]
-    if shift.any():
-        moved = np.eye(4)
-        moved[:3, 3] = shift
-        actors = [replace(a, world_from_actor=a.world_from_actor.transformed(left=moved)) for a in actors]
-    boxed: Any = BoxedLog(log, boxes, replace(drive, actors={actor.uid: actor for actor in actors}))
+    boxes = in_world_of(boxes, log.drive)
+    actors = {track.actor.uid: track.actor for track in boxes.tracks}
+    boxed: Any = BoxedLog(log, boxes, replace(log.drive, actors=actors))
     other: Log = boxed
     return other
+
+
+def in_world_of(boxes: BoxFile, drive: Drive) -> BoxFile:
+    """Return the content of a file in the world of a drive, whose origin it may have otherwise. Raises `LogError` where
+    it is of another drive."""
+    shift = np.zeros(3) if boxes.world_origin is None else boxes.world_origin - drive.world_origin
+    _check_same_drive(boxes, drive, shift)
+    boxes = replace(boxes, world_origin=drive.world_origin)
+    if not shift.any():
+        return boxes
+    moved = np.eye(4)
+    moved[:3, 3] = shift
+
+    def track(own: Track) -> Track:
+        return replace(
+            own, actor=replace(own.actor, world_from_actor=own.actor.world_from_actor.transformed(left=moved))
+        )
+
+    ego = None if boxes.ego is None else (boxes.ego[0], boxes.ego[1] + shift)
+    return replace(boxes, tracks=tuple(map(track, boxes.tracks)), ego=ego)
 
 
 def _check_same_drive(boxes: BoxFile, drive: Drive, shift: FloatArray) -> None:

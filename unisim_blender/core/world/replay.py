@@ -67,7 +67,7 @@ class WorldState:
             yield np.array([*actor.size_m, *actor.scale, actor.start_s, actor.end_s]).tobytes()
             yield actor.world_from_actor.content()
             if motion_of(actor.label) == "deforming":
-                yield np.float64(actor.world_from_actor.start_walked_m).tobytes()
+                yield np.float64(round(actor.world_from_actor.start_walked_m, 6)).tobytes()
         for copy in self.static_copies:
             yield copy.content()
         for box in self.removed_boxes:

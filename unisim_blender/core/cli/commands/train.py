@@ -101,7 +101,7 @@ def command(  # noqa: PLR0913
     if not recorded.drive.actors:
         click.echo(
             f"{log}: the log has no boxes, so everything in it is trained as if it stood still: what moves is blurred or left "
-            "out, and no actor can be moved, removed or measured",
+            "out, and no actor can be moved, removed or measured; unisim track finds boxes",
             err=True,
         )
     chosen = tuple(recorded.drive.lidars) if lidars == "all" else split_names(lidars) or training_lidars(recorded)
