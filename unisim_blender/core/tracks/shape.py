@@ -22,6 +22,9 @@ VEHICLES = ("Car", "Truck", "Bus")
 """Classes that go where they look."""
 VOXEL_M = 0.2
 TOO_WIDE = 1.6
+INNER = (0.03, 0.97)
+"""Quantiles of returns between which people and riders are looked for."""
+NARROW = ("Cyclist", "Pedestrian")
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,7 @@ def class_of(length: float, width: float, height: float, speed: float) -> str:
         return "Bus"
     if (height > 2.3 and width > 1.5) or length > 6.3:
         return "Truck"
-    if width < 1.25 and length < 2.5 and height > 0.9:
+    if width < 1.1 and length < 2.5 and height > 0.9:
         if speed > 2.8 and length > 1.0 and speed < 14:
             return "Cyclist"
         if speed < 3.2 and length < 1.5:
@@ -66,6 +69,10 @@ def shape_of(points: FloatArray, origins: FloatArray, speed: float) -> Shape:
     ends = [extent(points[:, axis]) for axis in range(3)]
     length, width = (high - low for low, high in ends[:2])
     top = ends[2][1]
+    inner = [np.quantile(points[:, axis], INNER).tolist() for axis in (0, 1)]
+    if class_of(*(high - low for low, high in inner), top, speed) in NARROW:  # what is beside it is not its own
+        ends[:2] = [(low, high) for low, high in inner]
+        length, width = (high - low for low, high in ends[:2])
     label = class_of(length, width, top, speed)
     usual = USUAL_M[label]
     size, middle = np.zeros(3), np.zeros(3)

@@ -148,7 +148,8 @@ def standing_box(voxels: FloatArray) -> StandingBox | None:
     """Return the box of a vehicle around voxels of `StandingMap.parts`; None where they are no vehicle's."""
     xy, top = voxels[:, 1:3], float(np.quantile(voxels[:, 3], 0.98))
     yaw = closest_heading(xy)
-    spans = np.ptp(rotated(np.full(len(xy), -yaw), xy), 0)
+    turned = rotated(np.full(len(xy), -yaw), xy)
+    spans = np.array([np.subtract(*extent(turned[:, axis])[::-1]) for axis in (0, 1)])
     if spans.max() < CONE_M and CONE_TOP_M[0] < top < CONE_TOP_M[1]:
         return _cone(voxels, top)
     if not LOWEST_TOP_M < top < HIGHEST_TOP_M:
