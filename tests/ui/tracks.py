@@ -72,7 +72,7 @@ def from_above(at: Vector, wide_m: float) -> None:
 def found() -> Iterator[float]:
     """Find Actors."""
     background = module("process.background")
-    yield from press("unisim.find_actors")
+    yield from press("unisim.find_actors", columns=(0.3,))
     yield from until(lambda: background.running, "nothing runs", 10)
     yield 2.0
     screenshot("finding")
@@ -145,7 +145,7 @@ def drawn(at: Vector, yaw: float) -> Iterator[float]:
     yield from key("RIGHTMOUSE", shift=True)
     yield 0.2
     before = {obj.name for obj in boxes()}
-    yield from menu_button("unisim.find_actors", 0)
+    yield from menu_button("unisim.edit_boxes", 0)
     yield from until(lambda: {obj.name for obj in boxes()} - before, "no box came", 10)
     yield from turned_to(yaw)
     yield from dragged_to(at + Vector((0.1, -0.1, 0.0)))
@@ -178,7 +178,7 @@ def parked_row(corrects: bool) -> Iterator[float]:
                 yield from dragged_to(at)
                 yield from tracked(obj)
             else:
-                yield from press("unisim.accept_boxes")
+                yield from press("unisim.accept_boxes", columns=(0.3,))
         errors.append(error_of(obj, at))
         screenshot(f"row_{'corrected' if corrects else 'drawn'}_{len(errors)}")
     results["row_corrected_m" if corrects else "row_drawn_m"] = errors
@@ -235,7 +235,7 @@ def saved() -> Iterator[float]:
 def emptied() -> Iterator[float]:
     """All boxes are discarded."""
     if boxes():
-        yield from press("unisim.discard_boxes", columns=(0.95, 0.9))
+        yield from press("unisim.discard_boxes", columns=(0.93, 0.95, 0.91))
         yield from until(lambda: not boxes(), "boxes are left", 5)
 
 
