@@ -15,7 +15,7 @@ import numpy as np
 from mathutils import Euler, Vector
 
 sys.path.insert(0, str(Path(__file__).parent))
-from buttons import menu_button, open_panel, press
+from buttons import found_at, open_panel, place_of, press
 from hands import click, key, middle, place, sidebar, to
 from session import MODULE, OUT, area, choose, inside, results, screenshot, start, until, view
 from tasks import arrived, install, task
@@ -145,7 +145,12 @@ def drawn(at: Vector, yaw: float) -> Iterator[float]:
     yield from key("RIGHTMOUSE", shift=True)
     yield 0.2
     before = {obj.name for obj in boxes()}
-    yield from menu_button("unisim.edit_boxes", 0)
+    yield from place_of("unisim.edit_boxes")
+    yield from to(found_at[0][0], found_at[0][1] - 20)
+    yield from click()
+    yield 0.4
+    yield from key("C")  # Car, where the menu opens upwards, too
+    yield 0.2
     yield from until(lambda: {obj.name for obj in boxes()} - before, "no box came", 10)
     yield from turned_to(yaw)
     yield from dragged_to(at + Vector((0.1, -0.1, 0.0)))
