@@ -474,6 +474,16 @@ class _Place:
     returns: int
 
 
+def at_sweep(store: SweepStore, size_m: FloatArray, label: str, box: DrawnBox) -> DrawnBox:
+    """Return a box at the time at which the beams of the sweep nearest to its time passed it: a box that was drawn around
+    the returns of a frame's sweep was there then."""
+    follower = _Follower(store, np.asarray(size_m, float), label)
+    if not len(store.refs):
+        return box
+    nearest = int(np.abs(store.times_s - box.time_s).argmin())
+    return DrawnBox(follower._time(nearest, follower.start(box)), box.pose)
+
+
 def follow(
     store: SweepStore,
     size_m: FloatArray,
