@@ -15,7 +15,7 @@ import numpy as np
 from mathutils import Euler, Vector
 
 sys.path.insert(0, str(Path(__file__).parent))
-from buttons import menu_button, open_panel, press
+from buttons import found_at, open_panel, place_of, press
 from hands import click, key, middle, place, sidebar, to
 from session import MODULE, OUT, area, choose, inside, results, screenshot, start, until, view
 from tasks import arrived, install, task
@@ -72,7 +72,7 @@ def from_above(at: Vector, wide_m: float) -> None:
 def found() -> Iterator[float]:
     """Find Actors."""
     background = module("process.background")
-    yield from press("unisim.find_actors")
+    yield from press("unisim.find_actors", columns=(0.3,))
     yield from until(lambda: background.running, "nothing runs", 10)
     yield 2.0
     screenshot("finding")
@@ -145,7 +145,12 @@ def drawn(at: Vector, yaw: float) -> Iterator[float]:
     yield from key("RIGHTMOUSE", shift=True)
     yield 0.2
     before = {obj.name for obj in boxes()}
-    yield from menu_button("unisim.find_actors", 0)
+    yield from place_of("unisim.edit_boxes")
+    yield from to(found_at[0][0], found_at[0][1] - 20)
+    yield from click()
+    yield 0.4
+    yield from key("C")  # Car, where the menu opens upwards, too
+    yield 0.2
     yield from until(lambda: {obj.name for obj in boxes()} - before, "no box came", 10)
     yield from turned_to(yaw)
     yield from dragged_to(at + Vector((0.1, -0.1, 0.0)))
@@ -178,7 +183,7 @@ def parked_row(corrects: bool) -> Iterator[float]:
                 yield from dragged_to(at)
                 yield from tracked(obj)
             else:
-                yield from press("unisim.accept_boxes")
+                yield from press("unisim.accept_boxes", columns=(0.3,))
         errors.append(error_of(obj, at))
         screenshot(f"row_{'corrected' if corrects else 'drawn'}_{len(errors)}")
     results["row_corrected_m" if corrects else "row_drawn_m"] = errors
@@ -235,7 +240,7 @@ def saved() -> Iterator[float]:
 def emptied() -> Iterator[float]:
     """All boxes are discarded."""
     if boxes():
-        yield from press("unisim.discard_boxes", columns=(0.95, 0.9))
+        yield from press("unisim.discard_boxes", columns=(0.93, 0.95, 0.91))
         yield from until(lambda: not boxes(), "boxes are left", 5)
 
 

@@ -118,6 +118,13 @@ def test_boxes_without_optional_members(folder: Path) -> None:
     assert not open_log(with_boxes(folder / "bare", path)).drive.actors
 
 
+def test_five_hundred_boxes(folder: Path) -> None:
+    van, path = small_drive().actors["van"], folder / "bare.boxes.json"
+    tracks = [Track(replace(van, uid=f"van-{number}")) for number in range(500)]
+    write_boxes(path, open_log(folder / "bare"), tracks, "many")
+    assert list(open_log(path).drive.actors) == [f"van-{number}" for number in range(500)]
+
+
 FAULTS: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "size": (lambda d: d["tracks"][0]["size_m"].__setitem__(1, -2), r"tracks\[0\].size_m: must be above 0, not \[4.5"),
     "times": (lambda d: d["tracks"][0]["times_s"].reverse(), r"tracks\[0\]: key 1 of a trajectory at .* is not later"),

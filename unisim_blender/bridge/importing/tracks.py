@@ -35,7 +35,7 @@ def tracks_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 def put_track(scene: bpy.types.Scene, track: Track, drive: Drive) -> bpy.types.Object:
     """Return the new box of a track."""
     actor = track.actor
-    obj = bpy.data.objects.new(f"{actor.label} {actor.uid[:8]}", box_mesh(actor.size_m, actor.label))
+    obj = bpy.data.objects.new(f"{actor.label} {actor.uid[:24]}", box_mesh(actor.size_m, actor.label))
     collection_of(scene, "TRACK").objects.link(obj)
     obj.unisim.kind, obj.unisim.uid = "TRACK", actor.uid
     obj.rotation_mode, obj.show_wire, obj.hide_render = "QUATERNION", True, True
