@@ -218,7 +218,7 @@ def doubtful() -> Iterator[float]:
 def undone() -> Iterator[float]:
     """Ctrl-Z takes back the deletion of a box."""
     before = len(boxes())
-    choose(boxes()[0])
+    choose(next(obj for obj in boxes() if obj.visible_get()))
     yield from press("unisim.delete_boxes")
     yield from until(lambda: len(boxes()) == before - 1, "it is not deleted", 5)
     yield from to(*middle(area("VIEW_3D")))
