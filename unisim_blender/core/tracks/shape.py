@@ -70,7 +70,9 @@ def shape_of(points: FloatArray, origins: FloatArray, speed: float) -> Shape:
     length, width = (high - low for low, high in ends[:2])
     top = ends[2][1]
     inner = [np.quantile(points[:, axis], INNER).tolist() for axis in (0, 1)]
-    if class_of(*(high - low for low, high in inner), top, speed) in NARROW:  # what is beside it is not its own
+    if (
+        class_of(inner[0][1] - inner[0][0], inner[1][1] - inner[1][0], top, speed) in NARROW
+    ):  # what is beside it is not its own
         ends[:2] = [(low, high) for low, high in inner]
         length, width = (high - low for low, high in ends[:2])
     label = class_of(length, width, top, speed)
