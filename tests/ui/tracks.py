@@ -240,7 +240,7 @@ def saved() -> Iterator[float]:
 def emptied() -> Iterator[float]:
     """All boxes are discarded."""
     if boxes():
-        yield from press("unisim.discard_boxes", columns=(0.93, 0.95, 0.91))
+        yield from press("unisim.discard_boxes", columns=(0.83, 0.85, 0.81))
         yield from until(lambda: not boxes(), "boxes are left", 5)
 
 
