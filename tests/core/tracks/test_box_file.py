@@ -58,6 +58,13 @@ def test_a_file_of_boxes_comes_back_exactly(folder: Path) -> None:
     assert not list(folder.glob(".*"))
 
 
+def test_the_folder_of_a_file_of_boxes_is_made(folder: Path) -> None:
+    log = open_log(folder / "bare")
+    path = folder / "new" / "folder" / "boxes.json"
+    write_boxes(path, log, (), "a test")
+    assert read_boxes(path).tracks == ()
+
+
 def test_a_file_of_boxes_is_a_log(folder: Path) -> None:
     bare, boxed = open_log(folder / "bare"), open_log(folder / "bare.boxes.json")
     assert not bare.drive.actors and list(boxed.drive.actors) == ["car-1", "van"]
