@@ -24,7 +24,6 @@ from .drive import animate, import_object, single_key
 
 SAME_M = 1e-3
 """Distance up to which a box stands where the recorded one does."""
-HALF_S = 0.05
 
 
 def tracks_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:

@@ -26,6 +26,7 @@ from ...bridge.window import Need, chosen, drive, object_mode, redraw, refresh, 
 from ...core.errors import UnisimError
 from ...core.geometry import Trajectory
 from ...core.tracks.box_file import Track
+from ...core.world.box_tracks import HALF_FRAME_S, spread_keys
 from ...core.world.drive import Actor, Appearance
 from ...editing.sampled.clock import Clock
 from ...preferences import interpreter
@@ -36,7 +37,6 @@ from ..operator_bases import EditsObjects, Needing
 POLL_S = 0.1
 HALF_FRAME = 0.5
 """Part of a frame within which a key is the one that is there."""
-HALF_S = 0.05
 
 
 @dataclass
@@ -123,17 +123,12 @@ def take(scene: bpy.types.Scene, obj: bpy.types.Object, result: dict[str, Any]) 
     """Let a box go where it was followed to."""
     source, about = source_of(scene), obj.unisim_track
     times, poses = np.array(result["times_s"]), np.array(result["poses"]).reshape(-1, 4, 4)
-    moves = bool(result["is_moving"])
-    apart = [0]
-    for n in range(1, len(times)):
-        if times[n] - times[apart[-1]] > 0.03:
-            apart.append(n)
-    keys = apart if moves and len(apart) > 1 else [0]
+    keys = spread_keys(times) if result["is_moving"] else [0]
     path = Trajectory.from_poses(times[keys], poses[keys])
     uid = obj.unisim.uid
     settle(obj)
     actor = Actor(
-        uid, about.label, np.array(result["size_m"]), path, float(times[0]) - HALF_S, float(times[-1]) + HALF_S,
+        uid, about.label, np.array(result["size_m"]), path, float(times[0]) - HALF_FRAME_S, float(times[-1]) + HALF_FRAME_S,
         len(keys) > 1, Appearance(uid),
     )  # fmt: skip
     about.drawn, about.followed = json.dumps(result["boxes"]), json.dumps(result)
