@@ -15,24 +15,27 @@ MODULES = tuple(
     import_module(f".{name}", __package__)
     for name in """
     translations features.drive.properties features.edits.properties features.simulation.properties
-    features.batch.properties viewport.options preferences bridge.sampling.adjacent_frames bridge.changes.following
+    features.batch.properties features.tracks.properties
+    viewport.options preferences bridge.sampling.adjacent_frames bridge.changes.following
     features.edits.watch features.actor_list.listing features.actors.thumbnails
 
     features.motion.properties features.drive.import_operators features.drive.export_operators
     features.actor_list.operators features.actors.operators features.edits.operators features.actors.appearances
     features.motion.operators features.motion.maneuvers features.sensors.operators features.motion.drag
     features.motion.rows features.sensors.rig_presets features.points.operators features.points.birds_eye
+    features.tracks.following features.tracks.operators
     process.background process.preparation features.output.operators features.simulation.operators
     features.batch.operators features.variants.operators process.interpreters process.packages features.problems
     features.settings features.actors.assets
 
     features.sidebar features.first_steps features.drive.panel features.actor_list.panel features.actors.panel
-    features.motion.panel features.edits.panel features.variants.panel features.ego features.sensors.panel
+    features.motion.panel features.tracks.panel features.edits.panel features.variants.panel features.ego features.sensors.panel
     features.check features.output.panel features.training features.simulation.panel features.batch.panel
     panels.statusbar
 
     operators.menus viewport.overlays features.simulation.overlay features.motion.overlay features.motion.gizmos
-    features.points.clouds features.actor_list.timeline viewport.view_types viewport.compare_view viewport.notice_text
+    features.points.clouds features.tracks.sides
+    features.actor_list.timeline viewport.view_types viewport.compare_view viewport.notice_text
     viewport.engine operators.documentation
     """.split()
 )

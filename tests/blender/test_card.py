@@ -78,5 +78,6 @@ def test_panels_name_icons_operators_and_properties_that_there_are(scene: Any) -
     for name in re.findall(r'"unisim\.(\w+)"', text):
         assert hasattr(bpy.types, f"UNISIM_OT_{name}"), name
     for name in re.findall(r'prop\((?:about|context\.scene\.unisim), "(\w+)"', text):
-        settings = scene.unisim.bl_rna, scene.unisim_simulation.bl_rna, scene.unisim_batch.bl_rna
+        groups = scene.unisim, scene.unisim_simulation, scene.unisim_batch, scene.unisim_tracks
+        settings = [group.bl_rna for group in groups]
         assert any(name in one.properties for one in settings), name

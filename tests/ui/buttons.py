@@ -291,6 +291,7 @@ def reports() -> list[str]:
 TASKS = ("VIEW", "EDIT", "SIMULATE", "RENDER")
 """The sidebar's tasks, from left to right."""
 TASK_OF = (
+    (r"boxes|find_actors|draw_box|track_this|keep_box|doubtful|unisim_tracks", ("VIEW",)),
     (r"show_sensor\(|unisim_actors|choose_actor|look_through|listed", ("VIEW", "EDIT")),
     (r"variant", ("EDIT", "RENDER")),
     (r"unisim_simulation|unisim\.simulate|drive_on|rollout|model", ("SIMULATE",)),

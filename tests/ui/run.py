@@ -63,6 +63,7 @@ SESSIONS = {
     "ten_tasks": ["--enable-event-simulate"],
     "importing": ["--enable-event-simulate"],
     "first_image": ["--enable-event-simulate"],
+    "tracks": ["--enable-event-simulate"],
 }
 """What each file's Blender is started with besides; the one with simulated events hears no others."""
 CI_SESSIONS = ("person", "displaced", "panel", "points", "window", "hands")
@@ -115,9 +116,12 @@ def main(
     if own or needed & set(chosen):
         recorded = own or (street() if "importing" in chosen else synthetic("long", "80", "96", "54"))
         shutil.copytree(recorded, work / "log")
+    if "tracks" in chosen and not own:
+        without_boxes(street(), work)
+    if {"layouts", "tracks"} & set(chosen):
+        shutil.copytree(log_packages(root), work / "packages")
     if "layouts" in chosen:
         shutil.copytree(street_layouts(), work / "layouts")
-        shutil.copytree(log_packages(root), work / "packages")
     (root / "tmp" / ".X11-unix").mkdir(mode=0o1777, exist_ok=True)
     screen = subprocess.Popen([*inside(root), "Xvfb", display, "-screen", "0", "1600x900x24", "-nolisten", "tcp"])
     try:
@@ -192,6 +196,28 @@ def synthetic(name: str, frames: str, width: str, height: str) -> Path:
         recipe = ["--frames", frames, "--width", width, "--height", height, "--seed", "0"]
         subprocess.run([str(Path(sys.executable).parent / "unisim"), "synth", str(folder), *recipe], check=True)
     return folder
+
+
+def without_boxes(log: Path, work: Path, frame: int = 9) -> None:
+    """Copy a street's log without its boxes to ``work``/log, and beside it where its cars are at a frame, nearest first."""
+    sys.path.insert(0, str(REPOSITORY))
+    import numpy as np
+
+    from unisim_blender.core.formats.readers import open_log
+
+    drive = open_log(log).drive
+    time_s = drive.time_s[frame]
+    ego = drive.world_from_ego.at(time_s)[:2, 3]
+    rows = []
+    for uid, actor in drive.actors.items():
+        if actor.label == "Car" and actor.present(time_s):
+            pose = actor.world_from_actor.at(time_s)
+            yaw = math.atan2(pose[1, 0], pose[0, 0])
+            rows.append([uid, actor.is_moving, pose[:3, 3].tolist(), yaw, np.asarray(actor.size_m).tolist()])
+    rows.sort(key=lambda row: math.dist(row[2][:2], ego))
+    shutil.copytree(log, work / "log", dirs_exist_ok=True)
+    shutil.rmtree(work / "log" / "annotations" / "cuboids")
+    (work / "truth_boxes.json").write_text(json.dumps(rows))
 
 
 def street_layouts() -> Path:

@@ -58,6 +58,13 @@ def test_a_file_of_boxes_comes_back_exactly(folder: Path) -> None:
     assert not list(folder.glob(".*"))
 
 
+def test_the_folder_of_a_file_of_boxes_is_made(folder: Path) -> None:
+    log = open_log(folder / "bare")
+    path = folder / "new" / "folder" / "boxes.json"
+    write_boxes(path, log, (), "a test")
+    assert read_boxes(path).tracks == ()
+
+
 def test_a_file_of_boxes_is_a_log(folder: Path) -> None:
     bare, boxed = open_log(folder / "bare"), open_log(folder / "bare.boxes.json")
     assert not bare.drive.actors and list(boxed.drive.actors) == ["car-1", "van"]
@@ -116,6 +123,13 @@ def test_boxes_without_optional_members(folder: Path) -> None:
         open_log(path)
     path.write_text(json.dumps({"format": "unisim-boxes", "version": 1, "tracks": []}))
     assert not open_log(with_boxes(folder / "bare", path)).drive.actors
+
+
+def test_five_hundred_boxes(folder: Path) -> None:
+    van, path = small_drive().actors["van"], folder / "bare.boxes.json"
+    tracks = [Track(replace(van, uid=f"van-{number}")) for number in range(500)]
+    write_boxes(path, open_log(folder / "bare"), tracks, "many")
+    assert list(open_log(path).drive.actors) == [f"van-{number}" for number in range(500)]
 
 
 FAULTS: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from written_street import write_recipe
 
-from unisim_blender.core.data.log import Log
+from unisim_blender.core.data.log import Log, Sweep
 from unisim_blender.core.errors import LogError, UnisimError
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw
@@ -98,6 +98,30 @@ def test_what_a_detector_must_not_return(street: Log, seen: Callable[[], Any], s
     detector = SimpleNamespace(name="odd", about="", detect=lambda points: seen())
     with pytest.raises(LogError, match=rf"pandar64, frame 0: the detector odd: .*{sentence}"):
         detected_boxes(street, detector)
+
+
+def test_a_detector_gets_each_sweep_in_the_lidars_frame_one_of_a_single_return_too(street: Log) -> None:
+    class OneReturn:
+        path, drive, sweep_frames = street.path, street.drive, street.sweep_frames
+
+        def sweep(self, lidar: str, frame: int) -> Sweep:
+            whole = street.sweep(lidar, frame)
+            some: dict[str, Any] = {field.name: getattr(whole, field.name) for field in fields(Sweep)}
+            some = {name: values if values is None else values[:1] for name, values in some.items() if name != "drops"}
+            return Sweep(**some)
+
+    seen: list[FloatArray] = []
+
+    def detect(points: FloatArray) -> Any:
+        seen.append(points)
+        return SimpleNamespace(boxes=[[*points[0, :3], 4, 2, 1.5, 0.1]], label=["Car"], score=[0.5])
+
+    log: Any = OneReturn()
+    boxes = detected_boxes(log, SimpleNamespace(name="one", about="", detect=detect))
+    assert [points.shape for points in seen] == [(1, 4)] * len(street.sweep_frames("pandar64"))
+    first = [street.sweep("pandar64", frame).points[0] for frame in street.sweep_frames("pandar64")]
+    np.testing.assert_allclose(boxes.poses[:, :3, 3], first, atol=1e-4)
+    assert (np.abs(boxes.key_s - boxes.frame_time_s) < 0.11).all()
 
 
 def test_a_detector_that_sees_nothing_and_one_that_is_not_there(street: Log) -> None:

@@ -21,13 +21,14 @@ from unisim_blender.core.tracks.box_file import Track, default_path, read_boxes
 from unisim_blender.core.tracks.boxes import closest_heading, completed
 from unisim_blender.core.tracks.clusters import Cluster
 from unisim_blender.core.tracks.evidence import evidence_of
-from unisim_blender.core.tracks.find import find_tracks, in_own_world
+from unisim_blender.core.tracks.find import RISE_M, _heading, find_tracks, in_own_world
 from unisim_blender.core.tracks.free_space import left_or_entered, range_image, windows
 from unisim_blender.core.tracks.ground import GroundBuilder
 from unisim_blender.core.tracks.register import PlanarPath, register, returns_of, rotated, smoothed
 from unisim_blender.core.tracks.report import report
 from unisim_blender.core.tracks.scans import Scan, read_scan, scans_of
 from unisim_blender.core.tracks.shape import class_of
+from unisim_blender.core.tracks.standing import COLUMNS, _pieces, standing_box
 from unisim_blender.core.world.drive import Drive, Lidar, LidarModel
 
 MODEL = LidarModel(np.radians(np.linspace(8, -20, 40)), np.zeros(40), columns=450, max_range_m=70.0)
@@ -318,6 +319,38 @@ def test_registration_takes_back_a_turning_path() -> None:
 
     assert error(path) < 0.06 < error(disturbed)
     assert np.degrees(np.ptp(path.yaw_rad - yaw)) < 2
+
+
+def voxels(low: FloatArray, high: FloatArray) -> FloatArray:
+    """Voxels of what stands between two corners, seen from all around by ten sweeps."""
+    axes = [np.arange(a, b + 0.01, 0.1) for a, b in zip(low, high, strict=True)]
+    points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], 1)
+    values = np.zeros((len(points), len(COLUMNS)))
+    values[:, 0], values[:, 1:4], values[:, 7] = 10, points, 2.0
+    return values
+
+
+def test_a_wall_is_no_vehicle_and_a_cone_a_doubtful_candidate() -> None:
+    wall = standing_box(voxels(np.array([5, 3, 0.3]), np.array([9.5, 3.2, 2.0])))
+    assert wall is not None and wall.certainty < 0.05
+    cone = standing_box(voxels(np.array([5, 3, 0.3]), np.array([5.3, 3.3, 0.8])))
+    assert cone is not None and cone.label == "Cones" and 0.1 < cone.certainty < 0.3
+    assert standing_box(voxels(np.array([5, 3, 0.3]), np.array([15, 6, 2.0]))) is None
+
+
+def test_a_car_looks_where_its_lower_end_is() -> None:
+    hood, cabin = np.array([[5, 3, 0.3], [6.5, 4.7, 0.9]]), np.array([[6.5, 3, 0.3], [9.4, 4.7, 1.6]])
+    box = standing_box(np.concatenate([voxels(*hood), voxels(*cabin)]))
+    assert box is not None and abs(box.rise_m) > RISE_M
+    yaw = _heading(box, np.array([[7.0, 8.0, 1.0, 0.0]]))  # traffic beside it goes the other way
+    assert np.cos(yaw) < -0.99
+
+
+def test_what_is_parked_bumper_to_bumper_is_parted() -> None:
+    cars = [voxels(np.array([x, 3, 0.5]), np.array([x + 4.4, 4.7, 1.5])) for x in (5.0, 9.8)]
+    bridge = voxels(np.array([9.4, 3.5, 0.5]), np.array([9.8, 3.6, 0.6]))
+    bridge[:, 0] = 2
+    assert [len(piece) > 500 for piece in _pieces(np.concatenate([*cars, bridge]))] == [True, True]
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from ...editing.sampled.source import DriveSource, NotImported, open_source
 
 COLLECTIONS = {
     "EGO": "Ego", "CAMERA": "Sensors", "LIDAR": "Sensors", "ACTOR": "Actors", "STATIC": "Static items",
-    "POINTS": "LiDAR points",
+    "POINTS": "LiDAR points", "TRACK": "Boxes",
     "TRAJECTORY": "Trajectories", "BODY": "Ego",
 }  # fmt: skip
 ROOT_COLLECTION = "UniSim"

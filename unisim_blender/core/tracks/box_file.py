@@ -19,9 +19,10 @@ from typing import Any
 import numpy as np
 
 from ..data.log import Log, extras_of
-from ..errors import LogError, OutputError, short
+from ..errors import LogError, short
+from ..files import write_file
 from ..geometry import FloatArray, Trajectory, TrajectoryError, spread_indices
-from ..json_file import Node, read_json, write_text
+from ..json_file import Node, read_json
 from ..scenario.json_schema import NUMBER, POSITIVE, TEXT, Schema, members_of, numbers
 from ..world.box_tracks import HALF_FRAME_S, TrackedBoxes, actor_of_boxes, actors_of_boxes
 from ..world.drive import Actor, Appearance, Drive
@@ -139,9 +140,8 @@ def write_boxes(path: Path, log: Log, tracks: Sequence[Track], source: str) -> N
     ego = log.drive.world_from_ego
     keys = spread_indices(len(ego.times_s), COMPARED_KEYS)
     recorded, compared = extras_of(log).recorded or log.path, (ego.times_s[keys], ego.positions[keys])
-    write_text(
-        path, text_of(BoxFile(path, tuple(tracks), source, recorded, log.drive.world_origin, compared)), OutputError
-    )
+    text = text_of(BoxFile(path, tuple(tracks), source, recorded, log.drive.world_origin, compared))
+    write_file(path, text.encode())
 
 
 def text_of(boxes: BoxFile) -> str:

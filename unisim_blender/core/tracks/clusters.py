@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..geometry import FloatArray, first_in_voxels
 from .free_space import RangeImage, left_or_entered
 from .ground import GroundHeights
-from .scans import FAR_M, Scan
+from .scans import Scan
 
 LOW_M, HIGH_M = 0.25, 4.5
 """Heights above the ground of returns that may be an actor's."""
@@ -52,10 +52,9 @@ def merged(clusters: Sequence[Cluster]) -> Cluster:
 
 
 def above_ground(scan: Scan, ground: GroundHeights) -> NDArray[np.int64]:
-    """Return indices of a sweep's returns within `FAR_M`, from `LOW_M` to `HIGH_M` above the ground, one of each voxel."""
+    """Return indices of a sweep's returns between `LOW_M` and `HIGH_M` above the ground, one of each voxel."""
     height = scan.points[:, 2] - ground.height(scan.points)
-    near = np.linalg.norm(scan.points[:, :2] - scan.origins[:, :2], axis=1) < FAR_M
-    keep = np.flatnonzero((height > LOW_M) & (height < HIGH_M) & near)
+    keep = np.flatnonzero((height > LOW_M) & (height < HIGH_M))
     return keep[first_in_voxels(scan.points[keep], THIN_M)]
 
 

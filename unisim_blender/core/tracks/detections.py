@@ -30,7 +30,7 @@ from ..geometry import (
     transform_points,
 )
 from ..registry import Registry
-from ..world.box_tracks import HALF_FRAME_S, TrackedBoxes, actor_of_boxes, passing_times
+from ..world.box_tracks import CLOSEST_KEYS_S, HALF_FRAME_S, TrackedBoxes, actor_of_boxes, passing_times
 from ..world.drive import Actor, Appearance
 from .associate import associate
 from .box_file import Track
@@ -38,13 +38,11 @@ from .clusters import Cluster
 from .register import smoothed
 
 LEAST_SCORE = 0.1
-"""SweepDetections of lower scores are left out."""
+"""Detections of lower scores are left out."""
 NOISE_M = 0.3
 """Standard deviation of a detection's centre, metres."""
 HEIGHT_KEYS = 5
 """Number of keys whose mean is a moving box's height."""
-LEAST_STEP_S = 0.03
-"""Smallest time between two keys."""
 SAME_PART, SAME_M = 0.35, 1.0
 """A found and a detected track are one where their middles are nearer than this part of the length, or this."""
 
@@ -164,7 +162,7 @@ def _cluster(boxes: TrackedBoxes, row: int) -> BoxCluster:
 
 def _track(boxes: TrackedBoxes, score: FloatArray, rows: NDArray[np.int64], number: int, source: str) -> Track:
     """Return the track of detections ``rows``, in order of time: standing, or smoothed."""
-    rows = rows[np.append(True, np.diff(boxes.key_s[rows]) > LEAST_STEP_S)]
+    rows = rows[np.append(True, np.diff(boxes.key_s[rows]) > CLOSEST_KEYS_S)]
     votes: dict[str, float] = defaultdict(float)
     for row in rows:
         votes[str(boxes.label[row])] += float(score[row])
@@ -230,7 +228,7 @@ def _continued(own: Actor, other: Actor) -> Actor:
     path, more = own.world_from_actor, other.world_from_actor
     if not own.is_moving or len(more.times_s) == 1:
         return own
-    before, after = more.times_s < path.times_s[0] - LEAST_STEP_S, more.times_s > path.times_s[-1] + LEAST_STEP_S
+    before, after = more.times_s < path.times_s[0] - CLOSEST_KEYS_S, more.times_s > path.times_s[-1] + CLOSEST_KEYS_S
     ends = [invert_pose(more.at(path.times_s[at])) @ path.poses[at] for at in (0, -1)]
     poses = np.concatenate([more.poses[before] @ ends[0], path.poses, more.poses[after] @ ends[1]])
     times = np.concatenate([more.times_s[before], path.times_s, more.times_s[after]])

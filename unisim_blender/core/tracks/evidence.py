@@ -24,7 +24,7 @@ from .ground import GroundBuilder, GroundHeights
 from .scans import read_scan, scans_of
 from .standing import StandingMap
 
-VERSION = 2
+VERSION = 3
 """Counted on whenever a stage here changes: what an older program cached is made anew."""
 SearchProgress = Callable[[str, float], object]
 """Called with the name of a stage and the fraction of it that is done; what it raises cancels the search."""

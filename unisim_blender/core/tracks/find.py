@@ -96,13 +96,13 @@ def _moved(path: PlanarPath) -> float:
 
 def _certainty(sweeps: int, fill: float, returns: float, support: float, seen: float) -> float:
     """Return how certain a moving track is: by its number of sweeps, the part of those of its time, the returns of each,
-    the part of them that another sweep confirms in the actor's frame, and how much of its size is seen."""
+    the part of them that another sweep confirms in the actor's frame, and how much of its width is seen."""
     parts = (
         1 - 0.5 ** (sweeps / 3),
         np.clip((fill - 0.3) / 0.4, 0, 1),
         np.clip(np.log(returns / 3) / np.log(4), 0, 1),
         np.clip((support - 0.4) / 0.4, 0, 1),
-        np.clip((seen - 0.05) / 0.3, 0, 1),
+        np.clip((seen - 0.15) / 0.35, 0, 1),
     )
     return float(np.prod(parts))
 
@@ -133,7 +133,7 @@ def _heading(box: StandingBox, ways: FloatArray) -> float:
 
 def _standing_track(uid: str, box: StandingBox, ground: GroundHeights, ways: FloatArray) -> Track:
     path = PlanarPath(np.array([box.first_s]), box.middle[None], np.array([_heading(box, ways)]))
-    actor = actor_of(f"standing-{uid}", "Car", box.size_m, path, ground, False)
+    actor = actor_of(f"standing-{uid}", box.label, box.size_m, path, ground, False)
     return Track(replace(actor, end_s=box.last_s), box.certainty, SOURCE, box.returns, box.sweeps)
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..data.log import Log
 from ..errors import LogError
-from ..geometry import FloatArray, Trajectory, rotation_from_angles
+from ..geometry import FloatArray, Trajectory, first_in_voxels, rotation_from_angles
 from ..poses.sweeps import import_scipy
 from ..world.box_tracks import spread_keys
 from ..world.classes import motion_of
@@ -173,7 +173,7 @@ class _Model:
     tree: object = field(init=False)
 
     def __post_init__(self) -> None:
-        self.points = self.points[_first_of_cells(self.points)]
+        self.points = self.points[first_in_voxels(self.points, VOXEL_M)]
         self._finish()
 
     def _finish(self) -> None:
@@ -188,16 +188,11 @@ class _Model:
     def add(self, points: FloatArray) -> None:
         """Add points where there were none."""
         both = np.concatenate([self.points, points])
-        first = _first_of_cells(both)
+        first = first_in_voxels(both, VOXEL_M)
         new = len(first) - len(self.points)
         if new > max(5, 0.03 * len(self.points)):
             self.points = both[first]
             self._finish()
-
-
-def _first_of_cells(points: FloatArray) -> FloatArray:
-    cells = np.floor(points / VOXEL_M).astype(np.int64)
-    return np.sort(np.unique(cells, axis=0, return_index=True)[1])
 
 
 @dataclass(frozen=True)
@@ -250,9 +245,7 @@ class _Follower:
         return state, points, origin, ground
 
     def _local(self, points: FloatArray, state: _State, z: float) -> FloatArray:
-        c, s = math.cos(state.mean[2]), math.sin(state.mean[2])
-        apart = points - [state.mean[0], state.mean[1], z]
-        return np.stack([c * apart[:, 0] + s * apart[:, 1], c * apart[:, 1] - s * apart[:, 0], apart[:, 2]], -1)
+        return _planar(points - [0.0, 0.0, z], state.mean)
 
     def _moved(self, state: _State, dt: FloatArray) -> FloatArray:
         """Return the motion (N, 3) since the state's time, in the actor's frame."""
@@ -426,7 +419,7 @@ def _thinned(points: FloatArray, most: int = MOST_POINTS) -> FloatArray:
     """Return at most so many points, a cell's first each, every second one, third one and so on."""
     if len(points) <= most:
         return points
-    first = points[_first_of_cells(points)]
+    first = points[first_in_voxels(points, VOXEL_M)]
     return first[:: -(-len(first) // most)]
 
 
@@ -472,6 +465,16 @@ class _Place:
     z: float
     certainty: float
     returns: int
+
+
+def at_sweep(store: SweepStore, size_m: FloatArray, label: str, box: DrawnBox) -> DrawnBox:
+    """Return a box at the time at which the beams of the sweep nearest to its time passed it: a box that was drawn around
+    the returns of a frame's sweep was there then."""
+    follower = _Follower(store, np.asarray(size_m, float), label)
+    if not len(store.refs):
+        return box
+    nearest = int(np.abs(store.times_s - box.time_s).argmin())
+    return DrawnBox(follower._time(nearest, follower.start(box)), box.pose)
 
 
 def follow(
@@ -694,7 +697,7 @@ def _refined(
     """Return the offset (x, y, heading, z) of the box in its own frame, and its size (3,), with which it encloses the
     returns of all sweeps: a face that was seen lies at their end."""
     points = np.concatenate([fit.points for fit in fits])
-    points = points[_first_of_cells(points)]
+    points = points[first_in_voxels(points, VOXEL_M)]
     turn = _path_heading(times, values) if is_moving else None
     turn = _face_heading(points) if turn is None else turn
     points = _planar(points, np.array([0.0, 0.0, turn]))

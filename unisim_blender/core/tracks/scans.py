@@ -10,8 +10,7 @@ from ..data.log import Log
 from ..geometry import FloatArray
 
 NEAR_M, FAR_M = 2.5, 75.0
-"""Returns nearer show the vehicle itself; of those further away too few are of one actor to tell what it is, but their rays
-pass by what is nearer."""
+"""Returns nearer show the vehicle itself, those further away are too few to tell what they are."""
 
 
 @dataclass(frozen=True)
@@ -44,10 +43,10 @@ def scans_of(log: Log) -> tuple[ScanRef, ...]:
 
 
 def read_scan(log: Log, ref: ScanRef) -> Scan:
-    """Return a sweep's strongest returns from `NEAR_M` on. Raises what the reader raises."""
+    """Return a sweep's strongest returns from `NEAR_M` to `FAR_M`. Raises what the reader raises."""
     sweep = log.sweep(ref.lidar, ref.frame)
     range_m = np.linalg.norm(sweep.points - sweep.origins, axis=1)
-    keep = np.isfinite(sweep.points).all(1) & (range_m > NEAR_M)
+    keep = np.isfinite(sweep.points).all(1) & (range_m > NEAR_M) & (range_m < FAR_M)
     if sweep.rank is not None:
         keep &= sweep.rank == 0
     return Scan(*(np.asarray(values[keep], np.float64) for values in (sweep.points, sweep.origins, sweep.time_s)))

@@ -21,6 +21,10 @@ USUAL_M = {
 VEHICLES = ("Car", "Truck", "Bus")
 """Classes that go where they look."""
 VOXEL_M = 0.2
+TOO_WIDE = 1.6
+INNER = (0.03, 0.97)
+"""Quantiles of returns between which people and riders are looked for."""
+NARROW = ("Cyclist", "Pedestrian")
 
 
 @dataclass(frozen=True)
@@ -31,7 +35,8 @@ class Shape:
     size_m: FloatArray
     middle: FloatArray
     seen: float
-    """The smaller part of the usual length and width that returns cover."""
+    """The part of the usual width that returns cover across the way: little of a piece of a wall, along which a false track
+    slides; 0.25 of what is far too wide."""
 
 
 def supported(points: FloatArray, sweep: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -51,7 +56,7 @@ def class_of(length: float, width: float, height: float, speed: float) -> str:
         return "Bus"
     if (height > 2.3 and width > 1.5) or length > 6.3:
         return "Truck"
-    if width < 1.25 and length < 2.5 and height > 0.9:
+    if width < 1.1 and length < 2.5 and height > 0.9:
         if speed > 2.8 and length > 1.0 and speed < 14:
             return "Cyclist"
         if speed < 3.2 and length < 1.5:
@@ -64,10 +69,16 @@ def shape_of(points: FloatArray, origins: FloatArray, speed: float) -> Shape:
     ends = [extent(points[:, axis]) for axis in range(3)]
     length, width = (high - low for low, high in ends[:2])
     top = ends[2][1]
+    inner = [np.quantile(points[:, axis], INNER).tolist() for axis in (0, 1)]
+    if (
+        class_of(inner[0][1] - inner[0][0], inner[1][1] - inner[1][0], top, speed) in NARROW
+    ):  # what is beside it is not its own
+        ends[:2] = [(low, high) for low, high in inner]
+        length, width = (high - low for low, high in ends[:2])
     label = class_of(length, width, top, speed)
     usual = USUAL_M[label]
     size, middle = np.zeros(3), np.zeros(3)
-    seen = min(length / usual[0], width / usual[1])
+    seen = width / usual[1] if width < TOO_WIDE * usual[1] else 0.25
     for axis in (0, 1):
         low, high = ends[axis]
         half = max(high - low, usual[axis]) / 2

@@ -25,6 +25,8 @@ MOST_PIECES_M, WEAK, PIECE_LOW_M = 14.0, 0.25, 0.4
 """What is no longer than this, and too long for a vehicle, is parted at its weakest voxels, and above this height."""
 LONGEST_M, WIDEST_M, SHORTEST_M = 6.6, 2.8, 1.3
 LOWEST_TOP_M, HIGHEST_TOP_M = 1.0, 2.35
+CONE_M, CONE_TOP_M, CONE_CERTAINTY = 0.7, (0.4, 1.2), 0.25
+"""What is smaller, and this high, is a candidate for a cone, of no more certainty."""
 SIDE_M, GLASS_M = (0.4, 0.95), (1.15, 1.7)
 """Heights of a car's side and of its windows, which lean in."""
 LEANS_M = (0.08, 0.5)
@@ -39,8 +41,9 @@ COLUMNS = ("count", "x", "y", "z", "origin x", "origin y", "first", "last")
 
 @dataclass(frozen=True)
 class StandingBox:
-    """A box (yaw, middle (2,), edges (3,)) around returns that stay, seen from ``first_s`` to ``last_s``."""
+    """A box (class, yaw, middle (2,), edges (3,)) around returns that stay, seen from ``first_s`` to ``last_s``."""
 
+    label: str
     yaw_rad: float
     middle: FloatArray
     size_m: FloatArray
@@ -144,10 +147,13 @@ def _pieces(voxels: FloatArray) -> list[FloatArray]:
 def standing_box(voxels: FloatArray) -> StandingBox | None:
     """Return the box of a vehicle around voxels of `StandingMap.parts`; None where they are no vehicle's."""
     xy, top = voxels[:, 1:3], float(np.quantile(voxels[:, 3], 0.98))
+    yaw = closest_heading(xy)
+    turned = rotated(np.full(len(xy), -yaw), xy)
+    spans = np.array([np.subtract(*extent(turned[:, axis])[::-1]) for axis in (0, 1)])
+    if spans.max() < CONE_M and CONE_TOP_M[0] < top < CONE_TOP_M[1]:
+        return _cone(voxels, top)
     if not LOWEST_TOP_M < top < HIGHEST_TOP_M:
         return None
-    yaw = closest_heading(xy)
-    spans = np.ptp(rotated(np.full(len(xy), -yaw), xy), 0)
     shorter, longer = sorted(spans.tolist())
     if longer > LONGEST_M or shorter > WIDEST_M or longer < SHORTEST_M:
         return None
@@ -165,6 +171,7 @@ def standing_box(voxels: FloatArray) -> StandingBox | None:
         size[axis], middle[axis] = high - low, (low + high) / 2
     certainty = _certainty(voxels, local, views)
     return StandingBox(
+        "Car",
         float(yaw),
         rotated(np.array(yaw), middle),
         size,
@@ -176,6 +183,16 @@ def standing_box(voxels: FloatArray) -> StandingBox | None:
         _rise(local[:, 0], voxels[:, 3]),
         is_end,
     )
+
+
+def _cone(voxels: FloatArray, top: float) -> StandingBox:
+    """Return the box of something as small as a cone, which may be much else."""
+    low, high = voxels[:, 1:3].min(0), voxels[:, 1:3].max(0)
+    size = np.array([*np.maximum(high - low, VOXEL_M), top])
+    certainty = CONE_CERTAINTY * (1 - float(np.exp(-voxels[:, 0].mean() / 5)))
+    counts = int(voxels[:, 0].sum()), int(voxels[:, 0].max())
+    times = float(voxels[:, 6].min()), float(voxels[:, 7].max())
+    return StandingBox("Cones", 0.0, (low + high) / 2, size, *times, certainty, *counts, 0.0, False)
 
 
 def _rise(along: FloatArray, height: FloatArray) -> float:

@@ -39,6 +39,7 @@ from ..world.drive import Camera, Lidar
 from ..world.encoding import EncodingError, decode_sensor, decode_state
 from ..world.replay import WorldState
 from .about import about
+from .boxes import BoxJobs
 from .protocol import WorkerJob, WorkerMessage, number_of, read_message, write_message
 
 BAND_PIXELS = 32768
@@ -299,7 +300,11 @@ def _arrays(image: CameraFrame) -> dict[str, NDArray[Any]]:
 def all_jobs(folder: Path) -> dict[str, WorkerJob]:
     """Return the jobs by their names in requests."""
     jobs = Jobs(folder)
-    return {"about": jobs.about, "camera": jobs.camera, "lidar": jobs.lidar, "prepare": jobs.prepare}
+    boxes = BoxJobs(jobs._leave)
+    return {
+        **{"about": jobs.about, "camera": jobs.camera, "lidar": jobs.lidar, "prepare": jobs.prepare},
+        **{"follow": boxes.follow, "box_points": boxes.box_points},
+    }
 
 
 class Server:

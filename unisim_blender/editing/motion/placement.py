@@ -47,7 +47,7 @@ class Neighbour(NamedTuple):
     size_m: FloatArray
 
 
-class Followed(NamedTuple):
+class FollowedCurve(NamedTuple):
     """Poses (N, 4, 4) that an actor follows, how high they are above the ground (None: as an ego frame), and by how
     much the nearest place is ahead of them along their path."""
 
@@ -132,7 +132,7 @@ def meetings(
     return np.asarray(overlap(_boxes(poses, float(size_m[0]), float(size_m[1]))[None], taken) & there & present)
 
 
-def _places(ego: FloatArray, paths: Sequence[Followed], at: int, nearest_m: float) -> Iterator[InsertPlace]:
+def _places(ego: FloatArray, paths: Sequence[FollowedCurve], at: int, nearest_m: float) -> Iterator[InsertPlace]:
     """Yield places on paths, else beside the ego's, in the order in which they are tried."""
     farther = np.arange(0.0, max(FARTHEST_M - nearest_m, STEP_M), STEP_M)
     for path, height, start in paths:
@@ -152,7 +152,7 @@ def _places(ego: FloatArray, paths: Sequence[Followed], at: int, nearest_m: floa
 
 def _followed(
     label: str, ego: FloatArray, others: Sequence[Neighbour], at: int, nearest_m: float, times_s: FloatArray
-) -> list[Followed]:
+) -> list[FollowedCurve]:
     """Return what an actor of a class can follow throughout: the ego, then the nearest; what moves implausibly last.
     What stands follows nothing."""
     groups = () if classes.motion_of(label) == "still" else GROUPS_BY_PATH.get(group_of(label), ())
@@ -167,10 +167,10 @@ def _followed(
         if away[close] < NEAR_M and ("PERSON" in groups or other.poses[close, :3, 0] @ ahead > SAME_WAY):
             gone = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1)))
             beyond = any(where.any() for where in exceeded(motion_of(positions, times_s), Limits()).values())
-            path = Followed(other.poses, float(other.size_m[2]) / 2, float(gone[close] - gone[at]))
+            path = FollowedCurve(other.poses, float(other.size_m[2]) / 2, float(gone[close] - gone[at]))
             paths.append((beyond, float(away[close]), path))
     paths.sort(key=lambda path: path[:2])
-    own = [Followed(ego, None, nearest_m)] if "CAR" in groups and is_path(ego[:, :3, 3]) else []
+    own = [FollowedCurve(ego, None, nearest_m)] if "CAR" in groups and is_path(ego[:, :3, 3]) else []
     return [*own, *(path for *_, path in paths)]
 
 

@@ -16,6 +16,7 @@ from bpy.props import (
 from ...core.scenario.types import FRAME_FORMATS, SEQUENCE_FORMATS
 from ..sidebar import switch_of
 
+# a .blend file holds these by their places: append, and never reorder
 KINDS = (
     ("NONE", "None", "Not part of a drive"),
     ("EGO", "Ego vehicle", "Vehicle that recorded the drive"),
@@ -26,6 +27,7 @@ KINDS = (
     ("POINTS", "LiDAR points", "Returns of a sweep"),
     ("BODY", "Ego body", "Mesh of the body of the ego vehicle, which the sensors of the vehicle do not see"),
     ("TRAJECTORY", "Trajectory", "Hidden parent that carries the recorded keyframes of a moving object"),
+    ("TRACK", "Box", "Box of an actor that is found, drawn or corrected, before it is saved"),
 )
 SIGHTS = (
     ("AUTO", "Off the vehicle", "The sensor sees the body of the ego vehicle unless it is mounted on the vehicle"),

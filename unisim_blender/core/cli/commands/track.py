@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from ...data.moved import Choice
-from ...errors import OutputError, UnisimError
+from ...errors import UnisimError
 from ...progress import Bar
 from ..options import PATH, posed, poses_option
 
@@ -41,9 +41,9 @@ def command(
 
     Such a file is opened as the log with these boxes: by train, info, render, convert, and in Blender.
     """
+    from ...files import write_file
     from ...formats.boxes import open_boxes, rows_of
     from ...formats.readers import drive_in, open_log
-    from ...json_file import write_text
     from ...tracks.box_file import default_path, write_boxes
     from ...tracks.detections import detected_boxes, detector_named, fused, linked
     from ...tracks.find import find_tracks, in_own_world
@@ -87,7 +87,7 @@ def command(
     out = out or default_path(log)
     write_boxes(out, recorded, tracks, " and ".join(filter(None, ("unisim track", source))))
     if page is not None:
-        write_text(page, report(recorded, tracks), OutputError)
+        write_file(page, report(recorded, tracks).encode())
     counts = Counter(f"{'moving' if track.actor.is_moving else 'standing'} {track.actor.label}" for track in tracks)
     click.echo(
         f"{out}: {len(tracks)} tracks: " + (", ".join(f"{n} {kind}" for kind, n in sorted(counts.items())) or "none")

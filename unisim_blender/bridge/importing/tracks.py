@@ -1,0 +1,237 @@
+"""Boxes that are corrected before they become the actors of the log: put into a scene, read from it, and saved."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...core.errors import UnisimError
+from ...core.geometry import FloatArray, Trajectory
+from ...core.tracks.box_file import Track
+from ...core.world.drive import Actor, Appearance, Drive
+from ...editing.sampled.clock import Clock
+from ...editing.sampled.scene import rigid
+from ...editing.sampled.source import DriveSource
+from ..objects.animation import keys_of
+from ..objects.imported import as_imported, box_mesh, collection_of, imported_objects, originals
+from ..objects.trajectories import keyed_poses, local_poses, remove, settle_on, trajectory_of
+from .drive import animate, import_object, single_key
+
+SAME_M = 1e-3
+"""Distance up to which a box stands where the recorded one does."""
+
+
+def tracks_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Return the boxes of a scene that are corrected, by name."""
+    return list(imported_objects(scene, "TRACK"))
+
+
+def put_track(scene: bpy.types.Scene, track: Track, drive: Drive) -> bpy.types.Object:
+    """Return the new box of a track."""
+    actor = track.actor
+    obj = bpy.data.objects.new(f"{actor.label} {actor.uid[:24]}", box_mesh(actor.size_m, actor.label))
+    collection_of(scene, "TRACK").objects.link(obj)
+    obj.unisim.kind, obj.unisim.uid = "TRACK", actor.uid
+    obj.rotation_mode, obj.show_wire, obj.hide_render = "QUATERNION", True, True
+    about = obj.unisim_track
+    about.certainty, about.source, about.returns, about.sweeps = (
+        track.certainty, track.source, track.returns, track.sweeps,
+    )  # fmt: skip
+    drawn = [[time, actor.world_from_actor.at(time).ravel().tolist()] for time in track.drawn_s]
+    about.drawn = json.dumps(drawn) if drawn else ""
+    place_track(obj, actor, drive)
+    return obj
+
+
+def place_track(obj: bpy.types.Object, actor: Actor, drive: Drive) -> None:
+    """Give a box the class, size, trajectory and presence of an actor."""
+    about, before = obj.unisim_track, obj.data
+    about.label, about.size_m = actor.label, actor.size_m.tolist()
+    obj.data, obj.scale = box_mesh(actor.size_m, actor.label), (1.0, 1.0, 1.0)
+    if before is not obj.data and before.users == 0:
+        bpy.data.meshes.remove(before)
+    start, end = (value if math.isfinite(value) else None for value in (actor.start_s, actor.end_s))
+    about.present = json.dumps([start, end])
+    path = actor.world_from_actor
+    animate(obj, path if actor.is_moving else single_key(path), Clock.of(drive), drive.window(actor))
+    if trajectory_of(obj) is None:  # its place is no displacement
+        obj.unisim.rest_location, obj.unisim.rest_rotation = obj.location, obj.rotation_quaternion
+
+
+def size_now(obj: bpy.types.Object) -> FloatArray:
+    """Return the size (3,) of a box, which Blender's tools may have changed."""
+    return np.array(obj.unisim_track.size_m) * np.abs(np.array(obj.scale))
+
+
+def pose_now(obj: bpy.types.Object) -> FloatArray:
+    """Return the pose (4, 4) of a box in the world at the frame that is shown."""
+    return rigid(np.array(obj.matrix_world, float))
+
+
+def presence(obj: bpy.types.Object) -> tuple[float, float]:
+    """Return from when to when a box is there, seconds."""
+    start, end = json.loads(obj.unisim_track.present or "[null, null]")
+    return -math.inf if start is None else start, math.inf if end is None else end
+
+
+def path_of(obj: bpy.types.Object, clock: Clock) -> Trajectory:
+    """Return the trajectory of a box with its displacement; of one key where it stands."""
+    above = trajectory_of(obj)
+    keys = None if above is None else keys_of(above)
+    if keys is None or len(keys[0]) < 2:
+        start = presence(obj)[0]
+        time = start if math.isfinite(start) else float(clock.times_s[0])
+        return Trajectory.from_poses(np.array([time]), rigid(keyed_poses(obj, [float(clock.frame(np.array(time)))])))
+    frames = keys[0].tolist()
+    return Trajectory.from_poses(clock.time_s(keys[0]), keyed_poses(above, frames) @ local_poses(obj, frames))
+
+
+def track_of(obj: bpy.types.Object, clock: Clock) -> Track:
+    """Return the track of a box."""
+    about, path = obj.unisim_track, path_of(obj, clock)
+    start, end = presence(obj)
+    uid = obj.unisim.uid
+    actor = Actor(uid, about.label, size_now(obj), path, start, end, len(path.times_s) > 1, Appearance(uid))
+    drawn = tuple(time for time, _ in drawn_of(obj))
+    certainty = min(1.0, max(0.0, round(about.certainty, 6)))
+    return Track(actor, certainty, about.source, about.returns, about.sweeps, drawn)
+
+
+def drawn_of(obj: bpy.types.Object) -> list[tuple[float, list[float]]]:
+    """Return the keys that a person set: times, seconds, and poses of 16 numbers, in order of time."""
+    return sorted((float(time), list(pose)) for time, pose in json.loads(obj.unisim_track.drawn or "[]"))
+
+
+def new_uid(scene: bpy.types.Scene, drive: Drive, like: str = "box") -> str:
+    """Return an id that no actor and no box has."""
+    taken = {obj.unisim.uid for obj in tracks_in(scene)} | set(drive.actors)
+    number = 1
+    while f"{like}-{number}" in taken:
+        number += 1
+    return f"{like}-{number}"
+
+
+def saved_tracks(boxes: Iterable[bpy.types.Object], source: DriveSource) -> list[Track]:
+    """Return the tracks of boxes; those that stand as they were recorded are the recorded ones to the last bit. Raises
+    `UnisimError` where two have one id, which a copy made by Blender's tools gets."""
+    clock, tracks = Clock.of(source.drive), dict[str, Track]()
+    for obj in boxes:
+        track = track_of(obj, clock)
+        uid = track.actor.uid
+        if uid in tracks:
+            obj.unisim.uid = uid = new_uid(obj.users_scene[0], source.drive)
+            track = track_of(obj, clock)
+        recorded = source.drive.actors.get(uid)
+        if recorded is not None and _same(track.actor, recorded):
+            track = Track(recorded, track.certainty, track.source, track.returns, track.sweeps, track.drawn_s)
+        tracks[uid] = track
+    return list(tracks.values())
+
+
+def _same(actor: Actor, recorded: Actor) -> bool:
+    if actor.label != recorded.label or actor.is_moving != recorded.is_moving:
+        return False
+    if (np.abs(actor.size_m - recorded.size_m) > SAME_M).any():
+        return False
+    times = recorded.world_from_actor.times_s if recorded.is_moving else actor.world_from_actor.times_s[:1]
+    apart = actor.world_from_actor.at(times) - recorded.world_from_actor.at(times)
+    ends = np.array([actor.start_s, actor.end_s]), np.array([recorded.start_s, recorded.end_s])
+    return bool(np.abs(apart).max() < SAME_M) and bool(np.array_equal(*np.nan_to_num(ends, posinf=1e9, neginf=-1e9)))
+
+
+def hide_actors(scene: bpy.types.Scene, hide: bool) -> None:
+    """Hide the actors of a scene while boxes are corrected in their places, or show them again."""
+    layer = bpy.context.view_layer
+    for obj in imported_objects(scene, "ACTOR"):
+        if obj.name in layer.objects:
+            obj.hide_set(hide)
+
+
+def take_tracks(scene: bpy.types.Scene) -> None:
+    """Remove all boxes that are corrected."""
+    for obj in tracks_in(scene):
+        remove(obj)
+    hide_actors(scene, False)
+
+
+def exchange_actors(scene: bpy.types.Scene, before: Drive, source: DriveSource) -> None:
+    """Put the actors of ``source``, the same log with other boxes, into a scene in place of those of ``before``. Raises
+    `UnisimError` where something in the scene is a copy of one that is gone."""
+    gone = set(before.actors) - set(source.drive.actors)
+    own = originals(scene, "ACTOR")
+    for obj in imported_objects(scene, "ACTOR"):
+        if obj.unisim.uid in gone and own.get(obj.unisim.uid) is not obj:
+            raise UnisimError(f"{obj.name}: is a copy of an actor that the boxes do not have; delete it first")
+    for uid in before.actors:
+        if (obj := as_imported(scene, "ACTOR", uid)) is not None:
+            remove(obj)
+    scene.unisim.log = str(source.log_path)
+    for uid in sorted(source.drive.actors):
+        import_object(scene, source, "ACTOR", uid)
+
+
+def displaced(obj: bpy.types.Object) -> bool:
+    """Whether Blender's tools moved, turned or scaled a box since it was placed."""
+    moved = (
+        np.array(obj.location) - obj.unisim.rest_location,
+        np.array(obj.rotation_quaternion) - obj.unisim.rest_rotation,
+    )
+    return any(float(np.abs(part).max()) > 1e-5 for part in (*moved, np.array(obj.scale) - 1))
+
+
+def joined(first: Track, others: Sequence[Track]) -> Track:
+    """Return one track of several: where they are at a time together, the first one counts, then the surest."""
+    order = [first, *sorted(others, key=lambda track: -track.certainty)]
+    times, poses = list[float](), list[Any]()
+    spans: list[tuple[float, float]] = []
+    for track in order:
+        path, actor = track.actor.world_from_actor, track.actor
+        start, end = max(actor.start_s, -1e9), min(actor.end_s, 1e9)
+        own = path.times_s if actor.is_moving else np.clip(np.array([start, end]), -1e6, 1e6)
+        for time in own.tolist():
+            if not any(low <= time <= high for low, high in spans):
+                times.append(time)
+                poses.append(path.at(time))
+        spans.append((start, end))
+    at = np.argsort(times)
+    stacked = np.array(poses)[at]
+    is_moving = bool(np.linalg.norm(stacked[:, :2, 3] - stacked[0, :2, 3], axis=1).max() > 0.5)
+    path = Trajectory.from_poses(np.array(times)[at], stacked) if is_moving else first.actor.world_from_actor
+    actor, both = first.actor, [track.actor for track in order]
+    start, end = min(one.start_s for one in both), max(one.end_s for one in both)
+    whole = Actor(actor.uid, actor.label, actor.size_m, path, start, end, is_moving, Appearance(actor.uid))
+    drawn = tuple(sorted({time for track in order for time in track.drawn_s}))
+    returns, sweeps = sum(track.returns for track in order), sum(track.sweeps for track in order)
+    return Track(whole, max(track.certainty for track in order), first.source, returns, sweeps, drawn)
+
+
+def halves(track: Track, time_s: float, uid: str) -> tuple[Track, Track]:
+    """Return a track up to a time, and from then on, that one with another id."""
+    actor, parts = track.actor, list[Track]()
+    path = actor.world_from_actor
+    for name, keep, start, end in (
+        (actor.uid, path.times_s < time_s, actor.start_s, time_s - 1e-3),
+        (uid, path.times_s >= time_s, time_s, actor.end_s),
+    ):
+        own = path if not actor.is_moving else _part(path, keep, time_s)
+        part = Actor(name, actor.label, actor.size_m, own, start, end, len(own.times_s) > 1, Appearance(name))
+        drawn = tuple(time for time in track.drawn_s if start <= time <= end)
+        parts.append(Track(part, track.certainty, track.source, track.returns, track.sweeps, drawn))
+    return parts[0], parts[1]
+
+
+def _part(path: Trajectory, keep: Any, time_s: float) -> Trajectory:
+    times = path.times_s[keep] if keep.any() else np.array([time_s])
+    return Trajectory.from_poses(times, path.at(times))
+
+
+def settle(obj: bpy.types.Object) -> None:
+    """Let a box ride on its trajectory without the displacement that a person gave it."""
+    if trajectory_of(obj) is not None:
+        settle_on(obj)
+    obj.scale = (1.0, 1.0, 1.0)
