@@ -67,8 +67,10 @@ EVERYTHING: dict[str, Any] = {
     "boxes": {"bin": {"position": [5, 3, 0.5], "yaw_deg": 30, "size_m": [0.5, 0.5, 1]}},
     "weather": {
         "visibility_m": [{"time_s": 0, "value": 1000}, {"time_s": 2, "value": 50.5}],
+        "rain_mm_h": 2.5,
+        "snow_mm_h": [{"time_s": 0, "value": 0}],
         "seed": 4,
-        "sensors": {"pulse_ns": 6, "threshold": 0.2, "overlap_m": 4},
+        "sensors": {"pulse_ns": 6, "divergence_mrad": 1.5, "exposure_s": 0.01, "threshold": 0.2, "overlap_m": 4},
     },
     "edits": [
         {"type": "remove", "actor": "car-01"},

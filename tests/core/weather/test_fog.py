@@ -14,7 +14,7 @@ from same_frames import assert_same
 from scipy.integrate import quad
 
 from unisim_blender.core.colour import linear_from_srgb
-from unisim_blender.core.geometry import Trajectory
+from unisim_blender.core.geometry import FloatArray, Trajectory
 from unisim_blender.core.render.captures import CaptureStates, render_image, render_sweep, states_of
 from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.renderer import Renderer
@@ -129,14 +129,14 @@ def test_a_standing_sensor_sees_the_fog_thicken(loaded: Mapping[str, Backend], d
         np.testing.assert_array_equal(again.rgb, render_image(renderer, foggy, capture).rgb)
 
 
-def sweep(distance_m: np.ndarray, intensity: np.ndarray) -> tuple[LidarFrame, Lidar]:
+def sweep(distance_m: FloatArray, intensity: FloatArray) -> tuple[LidarFrame, Lidar]:
     """A sweep of targets (B, C) along x."""
     shape = distance_m.shape
     model = LidarModel(np.zeros(shape[0]), np.zeros(shape[0]), columns=shape[1])
     lidar = Lidar("top", model, Trajectory(np.zeros(1), np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]])), {0: 0.0})
-    ones, along = np.ones(shape, np.float32), np.broadcast_to(np.array([1.0, 0, 0]), (*shape, 3))
+    ones, along = np.ones(shape, np.float32), np.tile([1.0, 0.0, 0.0], (*shape, 1))
     clear = LidarFrame(
-        model, np.eye(4), 0 * along, along, np.zeros(shape), distance_m.astype(np.float32),
+        model, np.eye(4), np.zeros_like(along), along, np.zeros(shape), distance_m.astype(np.float32),
         intensity.astype(np.float32), ones, distance_m > 0, np.ones(shape, np.int32), ("car",),
     )  # fmt: skip
     return clear, lidar
@@ -193,7 +193,7 @@ def test_targets_are_dimmer_and_hide_the_air_behind_them() -> None:
     np.testing.assert_allclose(foggy.intensity[target], 0.5 * math.exp(2 * math.log(0.02) / 100 * 6), rtol=1e-5)
     assert foggy.depth_m.max() <= 6.0
     blocked = replace(lidar, blocked=np.ones(near.shape, bool))
-    sky, _ = sweep(0 * near, 0 * near)
+    sky, _ = sweep(np.zeros(near.shape), np.zeros(near.shape))
     assert not weathered(sky, blocked, Weather(visibility_m=30.0), 0.0).returned.any()
 
 

@@ -76,6 +76,8 @@ class _Exposure:
     """Brightness of white ground under an actor, by the actor's id."""
     airlight: FloatArray | None = None
     """Light (3,) of the air of the weather; None where the image is to be that of clear air."""
+    particles: camera_weather.DrawnParticles | None = None
+    """Drops and flakes in the image, once they are drawn."""
 
 
 class _Binding:
@@ -277,7 +279,14 @@ class Renderer:
         """Return the frame of a region in the state's weather, without passes that only the weather needs, and blank
         where its lens shows nothing."""
         if exposure.airlight is not None and exposure.state.weather is not None:
-            frame.rgb = camera_weather.weathered(frame, exposure.state.weather, exposure.airlight)
+            if exposure.particles is None:
+                drawn = camera_weather.drawn_particles(exposure.camera, exposure.time_s, exposure.state.weather)
+                exposure.particles = drawn
+            rows, columns = slice(region.top, region.bottom), slice(region.left, region.right)
+            frame.rgb = camera_weather.weathered(
+                frame, exposure.state.weather, exposure.airlight, exposure.particles, rows, columns,
+                exposure.camera.model.width,
+            )  # fmt: skip
             if "depth" not in exposure.passes:
                 frame.depth_m = frame.z_depth_m = None
         return _blanked(frame, region)

@@ -43,12 +43,14 @@ class ReceiverSpec:
     """What weather needs to know of the sensors; a missing value is `Receiver`'s."""
 
     pulse_ns: Annotated[float, _number("Half-power width of a LiDAR's pulse.", 0.1, 100)] | None = None
+    divergence_mrad: Annotated[float, _number("Full angle of a LiDAR's beam.", 0.01, 50)] | None = None
     threshold: (
         Annotated[float, _number("Reflectivity that a LiDAR just measures at its largest range.", 1e-6, 1)] | None
     ) = None
     overlap_m: (
         Annotated[float, _number("Distance from which a LiDAR receives all of a beam's light.", 0.01, 100)] | None
     ) = None
+    exposure_s: Annotated[float, _number("Exposure time of a camera's pixel.", 1e-5, 0.1)] | None = None
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,8 @@ class WeatherSpec:
         ]
         | None
     ) = None
+    rain_mm_h: Annotated[Keyed, _keyed("Rain.", minimum=0, maximum=200)] | None = None
+    snow_mm_h: Annotated[Keyed, _keyed("Snow, as liquid water.", minimum=0, maximum=20)] | None = None
     seed: Annotated[int, SchemaOf({"type": "integer", "minimum": 0, "maximum": 2**31 - 1})] | None = None
     sensors: ReceiverSpec | None = None
 

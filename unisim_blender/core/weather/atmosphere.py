@@ -71,8 +71,8 @@ def extinctions(weather: Weather) -> dict[str, float]:
 
 
 def backscatter(weather: Weather) -> float:
-    """Return the backscatter of the air, 1/(m sr)."""
-    return sum(value / LIDAR_RATIO_SR[name] for name, value in extinctions(weather).items())
+    """Return the backscatter of fog, 1/(m sr). Drops and flakes return beams one by one."""
+    return extinctions(weather)["fog"] / LIDAR_RATIO_SR["fog"]
 
 
 def transmittance(extinction: float, depth_m: NDArray[np.float32]) -> NDArray[np.float32]:

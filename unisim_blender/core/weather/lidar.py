@@ -8,11 +8,15 @@ in the air returns the pulse's shape over its own backscatter (Rasshofer et al. 
 with extinction a, backscatter b, half-power width T, and xi(r) = min(1, (r / overlap)²), the part of the light that the
 receiver sees. In each range cell of a pulse's length it fluctuates with an exponential distribution of this mean, as
 speckle does; the strongest of all is the beam's return.
+
+Drops and flakes of `particles.py` are targets that fill a part of a beam (LISA, Kilic et al. 2021; Hahner et al., CVPR
+2022): of diameter D, in a beam of divergence B, the power is rho min(1, (D / B R)²) exp(-2 a R) xi(R) / R².
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -20,10 +24,12 @@ from numpy.typing import NDArray
 
 from ..geometry import BoolArray, FloatArray
 from ..sensors.frames import LidarFrame
+from ..sensors.lidar import column_azimuths, column_times
 from ..world.captures import Capture, microseconds
 from ..world.drive import Lidar
 from ..world.weather import Receiver, Weather
-from .atmosphere import backscatter, extinctions
+from .atmosphere import LIDAR_RATIO_SR, backscatter, extinctions
+from .particles import ParticleClass, Particles, particle_classes
 
 LIGHT_M_NS = 0.299792458
 PULSE_STEPS = 32
@@ -32,6 +38,10 @@ MAX_FLUCTUATION = 12.0
 """Largest factor of an exponential distribution that is looked for: one draw in 160 000 is larger."""
 MAX_SOFT_M = 100.0
 """Largest range from which air is measured, metres."""
+MAX_PARTICLE_M = 8.0
+"""Largest range from which single particles are measured, metres."""
+SEAM_RAD = 0.05
+"""Angle before a sweep's first column within which it, too, is looked for."""
 
 
 def cell_length_m(receiver: Receiver) -> float:
@@ -108,7 +118,18 @@ def weathered(frame: LidarFrame, lidar: Lidar, weather: Weather, time_s: float) 
         strongest[wins], cell_m[wins] = power[wins], start_m
     in_air = np.isfinite(cell_m)
     start_m = cell_m[in_air]
-    range_m = start_m + rng.random(len(start_m)) * np.minimum(length, limit_m[in_air] - start_m)
+    cell_m[in_air] += rng.random(len(start_m)) * np.minimum(length, limit_m[in_air] - start_m)
+    for group in particle_classes(weather):
+        beams, range_m, power = particle_returns(group, lidar, time_s, receiver, least)
+        power *= np.exp(-2 * extinction * range_m)
+        inside = (range_m > model.min_range_m) & (range_m < limit_m.reshape(-1)[beams])
+        order = np.flatnonzero(inside & (power > strongest.reshape(-1)[beams]))
+        order = order[np.lexsort((range_m[order], power[order]))]
+        # of equal indices the last one, the strongest, stays
+        strongest.reshape(-1)[beams[order]] = power[order]
+        cell_m.reshape(-1)[beams[order]] = range_m[order]
+    in_air = np.isfinite(cell_m)
+    range_m = cell_m[in_air]
     depth_m, intensity = frame.depth_m.copy(), (frame.intensity * passed).astype(np.float32)
     depth_m[in_air] = range_m
     intensity[in_air] = np.minimum(strongest[in_air] * range_m**2 / overlap(range_m, receiver), 1.0)
@@ -122,3 +143,110 @@ def weathered(frame: LidarFrame, lidar: Lidar, weather: Weather, time_s: float) 
         returned=seen | in_air,
         instance=instance,
     )
+
+
+def particle_returns(
+    group: ParticleClass, lidar: Lidar, time_s: float, receiver: Receiver, least: float
+) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+    """Return which beams (N,) of the sweep at ``time_s``, by flat numbers, hit which particles of a class that may return
+    ``least``: their ranges (N,), metres, and powers (N,) without the air's extinction."""
+    finder = _BeamFinder(lidar, time_s, group.speed_m_s)
+    reflectivity = 2 * math.pi / LIDAR_RATIO_SR[group.kind]
+    ranges = np.linspace(0.05, MAX_PARTICLE_M, 400)
+    far_m = float(ranges[particle_power(group.largest_m, ranges, reflectivity, receiver) >= least].max(initial=0.1))
+    divergence = receiver.divergence_mrad * 1e-3
+    parts = [(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))]
+    for particles in group.inside(*finder.box(far_m), finder.middle_s, finder.near(far_m, divergence)):
+        beams, which, distance = finder.hits(particles, divergence)
+        power = particle_power(particles.diameters_m[which], distance, reflectivity, receiver)
+        strong = (power >= least) & (distance <= MAX_PARTICLE_M)
+        parts.append((beams[strong], distance[strong], power[strong]))
+    beams, distances, powers = (np.concatenate(values) for values in zip(*parts, strict=True))
+    return beams, distances, powers
+
+
+class _BeamFinder:
+    """The beams of a sweep that hit particles which fall at ``speed_m_s``."""
+
+    def __init__(self, lidar: Lidar, time_s: float, speed_m_s: float) -> None:
+        self.model = lidar.model_at(time_s)
+        self.times_s = column_times(lidar, time_s)
+        poses = lidar.world_from_lidar.at(self.times_s)
+        middle = len(poses) // 2
+        self.middle_s, self.rotations, self.places = float(self.times_s[middle]), poses[:, :3, :3], poses[:, :3, 3]
+        # particles stand still in a frame that falls with them, in which the sensor rises
+        self.places = self.places + np.outer(self.times_s - self.middle_s, [0.0, 0.0, speed_m_s])
+        self.up, self.origin = self.rotations[middle][:, 2], self.places[middle]
+        self.moved_m = float(np.linalg.norm(self.places - self.origin, axis=1).max())
+        self.step_m = float(np.linalg.norm(np.diff(self.places, axis=0), axis=1).max(initial=0.0))
+        self.azimuths = column_azimuths(self.model)
+        self.turned = self.model.direction * (self.azimuths - self.azimuths[0])
+        self.order = np.argsort(self.model.elevation_rad, kind="stable")
+        self.rising = self.model.elevation_rad[self.order]
+
+    def box(self, far_m: float) -> tuple[FloatArray, FloatArray]:
+        """Return the lowest and highest coordinates (3,) of what is near."""
+        reach = far_m + self.moved_m + 0.1
+        return self.origin - reach, self.origin + reach
+
+    def near(self, far_m: float, divergence: float) -> Callable[[FloatArray, float], BoolArray]:
+        """Return whether spheres (N, 3) of a radius may be hit: see `ParticleClass.inside`."""
+        low, high = math.sin(self.rising[0]), math.sin(self.rising[-1])
+
+        def near(points: FloatArray, radius: float) -> BoolArray:
+            to = points - self.origin
+            distance = np.sqrt(np.einsum("ij,ij->i", to, to))
+            height, slack = to @ self.up, radius + self.moved_m + distance * divergence
+            inside = (height > distance * low - slack) & (height < distance * high + slack)
+            return np.asarray(inside & (distance < far_m + slack))
+
+        return near
+
+    def _turned(self, angle: FloatArray) -> FloatArray:
+        """Return how far (N,) the columns have turned that look along azimuths; just before the first one is below 0."""
+        return (self.model.direction * (angle - self.azimuths[0]) + SEAM_RAD) % (2 * np.pi) - SEAM_RAD
+
+    def hits(self, particles: Particles, divergence: float) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
+        """Return beams (M,) by flat numbers, which particles they hit, and the distances, metres: those whose middle is in
+        a beam, or that have a beam's axis in them."""
+        local = particles.positions - self.origin
+        local = local @ self.rotations[len(self.rotations) // 2]
+        for _ in range(2):
+            # which column sees a particle depends on where it is then
+            turned = self._turned(np.arctan2(local[:, 1], local[:, 0]))
+            column = np.clip(np.searchsorted(self.turned, turned), 0, len(self.times_s) - 1)
+            local = np.einsum("nji,nj->ni", self.rotations[column], particles.positions - self.places[column])
+        distance = np.maximum(np.linalg.norm(local, axis=1), 1e-3)
+        half = np.maximum(divergence, particles.diameters_m / distance) / 2 + self.step_m / distance
+        elevation = np.arcsin(np.clip(local[:, 2] / distance, -1, 1))
+        azimuth = np.arctan2(local[:, 1], local[:, 0])
+        first = np.searchsorted(self.rising, elevation - half)
+        which, beam = _spans(first, np.searchsorted(self.rising, elevation + half, "right"))
+        beam = self.order[beam]
+        turned = self._turned(azimuth[which] - self.model.azimuth_offset_rad[beam])
+        wide = half[which] / np.maximum(np.cos(elevation[which]), 0.05)
+        first = np.searchsorted(self.turned, turned - wide)
+        pair, column = _spans(first, np.searchsorted(self.turned, turned + wide, "right"))
+        which, beam = which[pair], beam[pair]
+        up, along = self.model.elevation_rad[beam], self.azimuths[column] + self.model.azimuth_offset_rad[beam]
+        axes = np.stack([np.cos(up) * np.cos(along), np.cos(up) * np.sin(along), np.sin(up)], -1)
+        local = np.einsum("nji,nj->ni", self.rotations[column], particles.positions[which] - self.places[column])
+        distance = np.maximum(np.linalg.norm(local, axis=1), 1e-3)
+        half = np.maximum(divergence, particles.diameters_m[which] / distance) / 2
+        hit = np.linalg.norm(axes - local / distance[:, None], axis=1) <= 2 * np.sin(half / 2)
+        return beam[hit] * len(self.times_s) + column[hit], which[hit], distance[hit]
+
+
+def particle_power(
+    diameter_m: FloatArray | float, range_m: FloatArray, reflectivity: float, receiver: Receiver
+) -> FloatArray:
+    """Return the power (...) of particles of diameters (...) at ranges (...), without extinction."""
+    share = np.minimum(1.0, (diameter_m / (receiver.divergence_mrad * 1e-3 * range_m)) ** 2)
+    return np.asarray(reflectivity * share * overlap(range_m, receiver) / range_m**2)
+
+
+def _spans(first: NDArray[np.int64], last: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the indices of spans (N,) and the numbers in them, from ``first`` up to but without ``last``: (M,), (M,)."""
+    counts = np.maximum(last - first, 0)
+    which = np.repeat(np.arange(len(first)), counts)
+    return which, np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts) + first[which]

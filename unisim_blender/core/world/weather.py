@@ -55,7 +55,7 @@ class Weather:
         )
 
 
-KEYED = ("visibility_m",)
+KEYED = ("visibility_m", "rain_mm_h", "snow_mm_h")
 """Members of `Weather` that change over time."""
 
 
