@@ -41,7 +41,7 @@ def scene_weather(scene: bpy.types.Scene) -> WeatherSpec | None:
     if not stated:
         return None
     sensors = ReceiverSpec(**json.loads(about.sensors)) if about.sensors else None
-    return WeatherSpec(**stated, seed=about.seed or None, sensors=sensors)  # type: ignore[arg-type]
+    return WeatherSpec(**stated, seed=about.seed or None, sensors=sensors)
 
 
 def _value(scene: bpy.types.Scene, name: str, clock: Clock) -> float | tuple[WeatherKey, ...] | None:
