@@ -304,7 +304,7 @@ def test_two_who_pass_each_other_closely_stay_two() -> None:
         sweeps.append([cluster(part, number * 0.1) for part in parts])
     chains = associate(sweeps)
     assert len(chains) == 2 and min(len(chain) for chain in chains) > 27
-    assert all(np.ptp([part.middle[1] for part in chain]) < 0.3 for chain in chains)
+    assert all(np.ptp([part.middle[1] for part in chain]) < 0.6 for chain in chains)  # they are 0.7 m apart
 
 
 def test_a_track_goes_on_behind_a_long_gap() -> None:
@@ -380,12 +380,12 @@ def test_what_moves_where_something_stands_is_less_certain() -> None:
     path = PlanarPath(times, np.stack([3 * times, 0 * times], 1), 0 * times)
     clusters = [cluster(l_shape(0.0, at), time_s) for at, time_s in zip(path.positions, times, strict=True)]
     returns = returns_of(clusters, lambda points: np.zeros(len(points)))
-    local, stands = returns.in_actor(path), voxels(np.array([-4, -3, 0.0]), np.array([9, 3, 2.0]))
+    stands = voxels(np.array([-4, -3, 0.0]), np.array([9, 3, 2.0]))
 
     def certain(stays: FloatArray) -> float:
-        return probability(moving_features(path, returns, local, 1.0, 0.9, 1.0, stays), "moving")
+        return probability(moving_features(returns, 1.0, 1.0, stays), "moving")
 
-    assert certain(stands[:0]) > 0.8 > certain(stands) + 0.1
+    assert certain(stands[:0]) > 0.9 > certain(stands) + 0.1
 
 
 def test_a_car_looks_where_its_lower_end_is() -> None:

@@ -84,13 +84,12 @@ def _moving(uid: str, clusters: Sequence[Cluster], evidence: Evidence, stays: Fl
         return None
     returns = returns_of(clusters, ground.height)
     origins = np.array([cluster.origin[:2] for cluster in clusters])
-    length, shape, support = 0.0, None, 0.0
+    length, shape = 0.0, None
     for _ in range(2):
         path = register(returns, path, length)
         local = returns.in_actor(path)
         good = supported(local, returns.sweep)
-        support = float(good.mean())
-        if support < 0.5:
+        if good.mean() < 0.5:
             good[:] = True
         at = returns.sweep[good]
         views = rotated(-path.yaw_rad[at], origins[at] - path.positions[at])
@@ -101,7 +100,7 @@ def _moving(uid: str, clusters: Sequence[Cluster], evidence: Evidence, stays: Fl
     if _moved(path) < max(MOVED_M, MOVED * length):
         return None
     fill = len(times) / max(int(((times_s > times[0] - 0.1) & (times_s < times[-1] + 0.1)).sum()), 1)
-    features = moving_features(path, returns, returns.in_actor(path), shape.seen, support, fill, stays)
+    features = moving_features(returns, fill, shape.seen, stays)
     actor = actor_of(uid, shape.label, shape.size_m, path, ground, True)
     count = sum(len(cluster.points) for cluster in clusters)
     return Candidate(Track(actor, probability(features, "moving"), SOURCE, count, len(times)), features)

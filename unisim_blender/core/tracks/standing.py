@@ -224,11 +224,9 @@ def _features(voxels: FloatArray, local: FloatArray, across: FloatArray, size: F
         float(np.log(len(voxels))),
         float((depth > EDGE_M).mean()),
         float(LEANS_M[0] < lean < LEANS_M[1]),
-        min(spans[0] / 4.5, 1.0),
-        min(spans[1] / 1.8, 1.0),
-        float(abs(size[2] - 1.55)),
-        float(spans[0] < END_M),
-        float(np.median(edges[side])) if side.any() else 0.5,
+        float(np.prod(np.minimum(spans / USUAL_M["Car"][:2], 1.0))),
+        float(abs(size[2] - USUAL_M["Car"][2])),
+        float(np.median(edges[side])) if side.any() else EDGE_M,
     )
 
 
