@@ -3,9 +3,9 @@
 python benchmarks/certainty.py --fit LOG --fit LOG --test LOG --test kitti/2011_09_26_drive_0005_sync:image_02
 
 Logs have labels; LOG:CAMERA leaves out what the camera does not see at the middle of its time, where a log's labels end
-with its view. A track is right that is within 2 m of a label of an actor at half of its times or more; one that is at a
-fifth to a half of them counts neither way. With --fit, coefficients are printed as they stand in `certainty.py`, and the
-tables are of them.
+with its view. A track is right that is within 2 m of a label, of one that moves where it moves, at half of its times or
+more; one that is at a fifth to a half of them counts neither way. With --fit, coefficients are printed as they stand in
+`certainty.py`, and the tables are of them.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from unisim_blender.core.world.classes import motion_of
 SAME_M, RIGHT, WRONG = 2.0, 0.5, 0.2
 TIMES = 12
 """Number of times at which a track is compared."""
-RIDGE = 1.0
+RIDGE = 2.0
 INNER = (0.02, 0.98)
 """Quantiles that features are limited to."""
 BINS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
@@ -59,6 +59,7 @@ def _near(log: Log, track: Track) -> float:
     """Return the part of a track's times at which it is near a label."""
     actor, classes = track.actor, extras_of(log).classes
     labels = [other for other in log.drive.actors.values() if motion_of(other.label, classes) in ("rigid", "deforming")]
+    labels = [other for other in labels if other.is_moving or not actor.is_moving]
     near = []
     for time_s in np.linspace(actor.start_s, actor.end_s, TIMES):
         there = [other for other in labels if other.start_s <= time_s <= other.end_s]

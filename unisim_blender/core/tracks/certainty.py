@@ -19,7 +19,7 @@ STAYS_S = 1.5
 """What is seen for this long at one place stays there."""
 FEATURES = {
     "moving": ("part of sweeps", "log returns", "seen", "stands", "low"),
-    "standing": ("log voxels", "inside", "leans", "area", "top", "off sides", "around"),
+    "standing": ("inside", "leans", "area", "top", "off sides", "around"),
 }
 COEFFICIENTS = {
     "moving": np.array([
@@ -31,14 +31,13 @@ COEFFICIENTS = {
         (1, 1, -5.38),  # constant
     ]),
     "standing": np.array([
-        (3.6, 6.84, 0.774),  # log voxels
-        (0, 0.642, 1.03),  # inside
-        (0, 1, 0.406),  # leans
-        (0.00316, 0.947, 2.96),  # area
-        (0.053, 0.786, -1.26),  # top
-        (0.00286, 0.535, -2.53),  # off sides
-        (-6.61, 0.474, -0.267),  # around
-        (1, 1, -6.91),  # constant
+        (0, 0.642, 1.62),  # inside
+        (0, 1, 0.437),  # leans
+        (0.00316, 0.947, 3.72),  # area
+        (0.053, 0.786, -0.897),  # top
+        (0.00286, 0.535, -2.74),  # off sides
+        (-6.61, 0.474, -0.313),  # around
+        (1, 1, -3.38),  # constant
     ]),
 }  # fmt: skip
 """Of each feature and of a constant: the lowest and the highest value that counts, and the weight."""

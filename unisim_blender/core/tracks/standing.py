@@ -221,7 +221,6 @@ def _features(voxels: FloatArray, local: FloatArray, across: FloatArray, size: F
     depth = np.minimum(local - local.min(0), local.max(0) - local).min(1)
     edges = np.abs(size[:2] / 2 - np.abs(local)).min(1)
     return (
-        float(np.log(len(voxels))),
         float((depth > EDGE_M).mean()),
         float(LEANS_M[0] < lean < LEANS_M[1]),
         float(np.prod(np.minimum(spans / USUAL_M["Car"][:2], 1.0))),
