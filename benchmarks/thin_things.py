@@ -74,7 +74,8 @@ def main(
             drive = replace(street.drive, cameras={**street.drive.cameras, name: camera})
             states = states_of(renderer, drive)
             image = render_image(renderer, states, Capture.of_frame(states.camera(name), frame), ("rgb", "depth"))
-            shown = image.rgb
+            shown, depth_m = image.rgb, image.depth_m
+            assert exact.depth_m is not None and depth_m is not None
             far = np.abs(true - bare).max(-1)
             mask = (share >= COVERED) & (far > VISIBLE)
             nearer = np.abs(shown - true).sum(-1) < np.abs(shown - bare).sum(-1)
@@ -83,7 +84,7 @@ def main(
             wrong = near & (np.abs(shown - true).max(-1) > np.median(far[mask]) if mask.any() else False)
             beside, false = beside + near.sum(), false + wrong.sum()
             open_air = ~np.isfinite(exact.depth_m) & (share == 0)
-            sky, stopped = sky + open_air.sum(), stopped + (open_air & (image.depth_m < SKY_M)).sum()
+            sky, stopped = sky + open_air.sum(), stopped + (open_air & (depth_m < SKY_M)).sum()
             if out is not None:
                 marked = np.where(mask[..., None], np.where(nearer[..., None], [0, 1, 0], [1, 0, 0]), true)
                 both = np.concatenate([true, shown, marked], 1)
