@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,18 +42,19 @@ class DoubtfulPlace:
     other: str = ""
 
 
-def doubtful_places(
-    tracks: Sequence[Track], times_s: FloatArray, certainty: Mapping[str, tuple[FloatArray, FloatArray]] | None = None
-) -> tuple[DoubtfulPlace, ...]:
-    """Return the doubtful places of tracks, in order of tracks and times. Overlaps are looked for at ``times_s`` (F,);
-    ``certainty``: times (T,) and certainty (T,) along tracks, by id, where it is known."""
+def doubtful_places(tracks: Sequence[Track], times_s: FloatArray) -> tuple[DoubtfulPlace, ...]:
+    """Return the doubtful places of tracks that were not dismissed, in order of tracks and times. Overlaps are looked for
+    at ``times_s`` (F,)."""
     places = [place for track in tracks for place in _of_track(track)]
-    for uid, (times, values) in (certainty or {}).items():
-        low = np.flatnonzero(values < UNCERTAIN)
-        places += _merged(uid, "uncertain", times[low], -values[low])
+    places += [DoubtfulPlace(track.actor.uid, at, "uncertain", value) for track in tracks for at, value in track.unsure]
     places += _overlaps([track.actor for track in tracks], times_s)
     order = {track.actor.uid: n for n, track in enumerate(tracks)}
-    return tuple(sorted(places, key=lambda place: (order[place.uid], place.time_s, place.kind)))
+    left = [place for place in places if not _is_dismissed(place, tracks[order[place.uid]])]
+    return tuple(sorted(left, key=lambda place: (order[place.uid], place.time_s, place.kind)))
+
+
+def _is_dismissed(place: DoubtfulPlace, track: Track) -> bool:
+    return any(kind == place.kind and abs(time - place.time_s) < NEAR_S for kind, time in track.dismissed)
 
 
 def _of_track(track: Track) -> list[DoubtfulPlace]:
@@ -92,13 +93,14 @@ def _of_track(track: Track) -> list[DoubtfulPlace]:
     return places
 
 
+def worst_of_runs(times: FloatArray, badness: FloatArray) -> list[int]:
+    """Return the number of the worst place of each run of places."""
+    runs = np.split(np.arange(len(times)), np.flatnonzero(np.diff(times) > NEAR_S) + 1) if len(times) else []
+    return [int(run[badness[run].argmax()]) for run in runs]
+
+
 def _merged(uid: str, kind: str, times: FloatArray, values: FloatArray) -> list[DoubtfulPlace]:
-    """Return the worst place of each run of places of a kind."""
-    if not len(times):
-        return []
-    runs = np.split(np.arange(len(times)), np.flatnonzero(np.diff(times) > NEAR_S) + 1)
-    worst = [run[int(values[run].argmax())] for run in runs]
-    return [DoubtfulPlace(uid, float(times[n]), kind, abs(float(values[n]))) for n in worst]
+    return [DoubtfulPlace(uid, float(times[n]), kind, float(values[n])) for n in worst_of_runs(times, values)]
 
 
 def _overlaps(actors: Sequence[Actor], times_s: FloatArray) -> list[DoubtfulPlace]:
