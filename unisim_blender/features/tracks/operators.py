@@ -428,6 +428,7 @@ class UNISIM_OT_save_boxes(Needing, AtOnce, bpy.types.Operator):
         saved = yield from in_thread(lambda: open_source(str(path), ""))
         take_tracks(scene)
         exchange_actors(scene, source.drive, saved)
+        scene.frame_set(scene.frame_current)  # what is shown of a frame is of the log that is open now
         scene.unisim_tracks.place = ""
         self.report(
             {"INFO"}, message("{path}: {count} boxes are the actors of the log now", path=path, count=len(tracks))
