@@ -21,6 +21,7 @@ from unisim_blender.core.geometry import (
     make_pose,
     quaternion_from_yaw,
 )
+from unisim_blender.core.tracks import follow as follow_module
 from unisim_blender.core.tracks.box_file import Track
 from unisim_blender.core.tracks.doubtful import doubtful_places
 from unisim_blender.core.tracks.follow import DrawnBox, SweepStore, follow
@@ -163,6 +164,18 @@ def test_a_correction_is_met_and_changes_the_spans_beside_it_alone(store: SweepS
     centre = errors(after)[:, 0]
     ends = [int(np.abs(new.times_s - box.time_s).argmin()) for box in (first, third)]
     assert centre[ends].max() < 1e-6 and 0.05 < centre[ends[0] : ends[1]].mean() < 0.4
+
+
+def test_sweeps_that_do_not_fit_into_memory_are_read_again(store: SweepStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = [DrawnBox(0.7, PARKED)]
+    whole = follow(store, box(), drawn)
+    log: Any = Passing()
+    small = SweepStore(log)
+    most = 3 * store.near(0, np.zeros(2), 1e3).nbytes
+    monkeypatch.setattr(follow_module, "STORED_BYTES", most)
+    again = follow(small, box(), drawn)
+    assert (again.returns, again.sweeps, again.actor.end_s) == (whole.returns, whole.sweeps, whole.actor.end_s)
+    assert small._bytes <= most and log.reads > SWEEPS
 
 
 def test_what_is_not_there_is_not_followed(store: SweepStore) -> None:

@@ -210,7 +210,7 @@ def write_boxes(path: Path, log: Log, tracks: Sequence[Track], source: str) -> N
     keys = spread_indices(len(ego.times_s), COMPARED_KEYS)
     recorded, compared = extras_of(log).recorded or log.path, (ego.times_s[keys], ego.positions[keys])
     text = text_of(BoxFile(path, tuple(tracks), source, recorded, log.drive.world_origin, compared))
-    write_file(path, text.encode())
+    write_file(path, text)
 
 
 def text_of(boxes: BoxFile) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..geometry import FloatArray
+from ..geometry import FloatArray, convex_intersection_area
 from ..world.classes import motion_of
 from ..world.drive import Actor
 from .box_file import Track
@@ -128,22 +128,7 @@ def _common_share(pose: FloatArray, size: FloatArray, other: FloatArray, other_s
     if abs(pose[2, 3] - other[2, 3]) > (size[2] + other_size[2]) / 2:
         return 0.0
     corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) / 2
-    ring = [(pose[:2, :2] @ (corner * size[:2]) + pose[:2, 3]) for corner in corners]
-    turn = other[:2, :2].T
-    polygon = [(turn @ (point - other[:2, 3])).tolist() for point in ring]
-    for axis in range(2):  # clipped at the other box's sides (Sutherland and Hodgman, 1974)
-        for sign in (1.0, -1.0):
-            limit, clipped = other_size[axis] / 2, []
-            for before, point in zip(polygon[-1:] + polygon[:-1], polygon, strict=True):
-                a, b = limit - sign * before[axis], limit - sign * point[axis]
-                if (a >= 0) != (b >= 0):
-                    part = a / (a - b)
-                    clipped.append([u + part * (v - u) for u, v in zip(before, point, strict=True)])
-                if b >= 0:
-                    clipped.append(point)
-            polygon = clipped
-            if not polygon:
-                return 0.0
-    x, y = np.array(polygon).T
-    area = abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) / 2
-    return area / min(float(np.prod(size[:2])), float(np.prod(other_size[:2])))
+    middle = pose[:2, 3]  # near the origin nothing is lost to large coordinates
+    rings = [corners * a[:2] @ p[:2, :2].T + p[:2, 3] - middle for p, a in ((pose, size), (other, other_size))]
+    area = convex_intersection_area(rings[0][None], rings[1][None])[0]
+    return float(area / min(np.prod(size[:2]), np.prod(other_size[:2])))

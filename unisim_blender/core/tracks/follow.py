@@ -66,7 +66,7 @@ DRAWN_M = 0.01
 """A drawn box is an earlier one where it is no further from it."""
 MOST_TURN_RAD = math.radians(12)
 """Largest angle by which a box is turned to lie along its faces."""
-GROUND_M = 1.2, 1.2
+GROUND_M = 1.2
 """The ground is searched within this height of a drawn box's bottom, and of the ground in the sweep before."""
 HEIGHT_M = 0.1
 """Standard deviation of the ground's height below a box, of one sweep."""
@@ -136,11 +136,6 @@ class _Motion:
         way = rotated(self.rate[2] * dt[..., 0] / 2, self.rate[:2]) * dt
         return self.pose + np.concatenate([way, self.rate[2] * dt], -1)
 
-    def placed_at(self, time_s: float, pose: FloatArray) -> _Motion:
-        """Return the same motion from a pose at a time on."""
-        rate = np.append(rotated(pose[2] - self.pose[2], self.rate[:2]), self.rate[2])
-        return _Motion(time_s, pose, rate)
-
 
 @dataclass(frozen=True)
 class _Sighting:
@@ -193,7 +188,7 @@ class _Follower:
         reach = float(np.linalg.norm(half[:2])) + 2.5 + 0.06 * float(np.linalg.norm(motion.rate[:2]))
         scan = self.store.near(number, guess[:2], reach)
         local = in_box(scan.points - [0, 0, ground_m], motion.at(scan.time_s))
-        ground = _ground_height(local, half, GROUND_M[0 if is_drawn else 1])
+        ground = _ground_height(local, half)
         local[:, 2] -= ground
         inside = (np.abs(local[:, :2]) < half[:2] + margin).all(1)
         inside &= (local[:, 2] > CLEARANCE_M) & (local[:, 2] < self.size[2] + ABOVE_M)
@@ -364,10 +359,10 @@ def _registered(nodes: Sequence[_Sighting], first: int, last: int) -> list[_Sigh
     return [replace(node, pose=pose) for node, pose in zip(nodes, poses, strict=True)]
 
 
-def _ground_height(local: FloatArray, half: FloatArray, most_m: float) -> float:
-    """Return the ground's height below a box's middle, in its frame, of returns (N, 3) around it no higher or lower than
-    ``most_m``: a plane through the lowest returns of cells 1 m wide; 0 where fewer than four are seen."""
-    low = local[~(np.abs(local[:, :2]) < half[:2] + 0.2).all(1) & (np.abs(local[:, 2]) < most_m)]
+def _ground_height(local: FloatArray, half: FloatArray) -> float:
+    """Return the ground's height below a box's middle, in its frame, of returns (N, 3) around it: a plane through the
+    lowest returns of cells 1 m wide; 0 where fewer than four are seen."""
+    low = local[~(np.abs(local[:, :2]) < half[:2] + 0.2).all(1) & (np.abs(local[:, 2]) < GROUND_M)]
     if not len(low):
         return 0.0
     order = np.lexsort((low[:, 2], *np.floor(low[:, :2]).T))
