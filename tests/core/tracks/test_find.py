@@ -295,15 +295,6 @@ def test_two_that_cross_and_a_gap_stay_two_tracks() -> None:
         assert np.ptp([part.middle[1] for part in chain]) < 0.5
 
 
-def test_another_side_that_is_seen_at_once_is_the_same_car() -> None:
-    sweeps = []
-    for number in range(24):
-        side = l_shape(0.0, np.zeros(2))
-        part = side if number >= 12 else side[side[:, 0] > 1.6]
-        sweeps.append([cluster(part + (0.6 * number, 0.0), number * 0.1)])
-    assert [len(chain) for chain in associate(sweeps)] == [24]
-
-
 def test_two_who_pass_each_other_closely_stay_two() -> None:
     rng, sweeps = np.random.default_rng(0), []
     for number in range(30):

@@ -21,9 +21,9 @@ COAST_S = 1.3
 SIZE_WEIGHT = 0.5
 FEWEST = 4
 """Fewest clusters of a track."""
-STITCH_S, STITCH_M, STITCH_GROWTH, STITCH_SPEED = (-0.05, 4.0), 1.5, 1.0, 5.0
-"""Two tracks are one across this gap, where they lie this near, or half of their size, and this much more for each second
-of it, and their velocities differ by no more: other sides of a vehicle that turns are seen at once."""
+STITCH_S, STITCH_M, STITCH_GROWTH, STITCH_SPEED = 4.0, 1.5, 1.0, 4.0
+"""Two tracks are one across this gap, where they lie this near and this much more for each second of it, and their
+velocities differ by no more."""
 NARROW_M, AROUND_M = 1.5, 0.2
 """What is smaller is a person's; another's returns begin this much beyond it."""
 ENDS = 6
@@ -58,7 +58,7 @@ class Chain:
         gain = self.covariance[:, :2] @ np.linalg.inv(self.covariance[:2, :2] + np.eye(2) * NOISE_M**2)
         self.state = self.state + gain @ (cluster.middle - self.state[:2])
         self.covariance = self.covariance - gain @ self.covariance[:2]
-        self.size_m = max(self.size_m, _size([cluster]))
+        self.size_m = max(self.size_m, float(np.linalg.norm(np.ptp(cluster.points[:, :2], 0))))
         self.clusters.append(cluster)
 
 
@@ -104,14 +104,14 @@ def associate(sweeps: Iterable[Sequence[Cluster]]) -> list[list[Cluster]]:
 def _prolonged(chain: list[Cluster], weak: Sequence[Cluster], side: int) -> list[Cluster]:
     """Return clusters of one thing with the ``weak`` ones where it goes on after (``side`` 1) or before (-1) them."""
     weak = sorted(weak, key=lambda cluster: side * cluster.middle_s)
-    size = _size(chain)
+    size = max(float(np.linalg.norm(np.ptp(cluster.points[:, :2], 0))) for cluster in chain)
     for cluster in weak:
         later_s = side * (cluster.middle_s - chain[-1 if side > 0 else 0].middle_s)
         if not 0.02 < later_s < COAST_S:
             continue
         time_s, at, velocity = _line(chain[-ENDS:] if side > 0 else chain[:ENDS])
         away = np.linalg.norm(cluster.middle - at - velocity * (cluster.middle_s - time_s))
-        if away < BESIDE_M and _size([cluster]) < size + SLACK_M:
+        if away < BESIDE_M and np.linalg.norm(np.ptp(cluster.points[:, :2], 0)) < size + SLACK_M:
             chain = [*chain, cluster] if side > 0 else [cluster, *chain]
     return chain
 
@@ -122,23 +122,20 @@ def _cost(chain: Chain, cluster: Cluster) -> float:
     distance = float(np.sqrt(away @ np.linalg.solve(spread, away)))
     if distance > GATE or np.linalg.norm(away) > 6.0:
         return 1e6
-    size = _size([cluster])
+    size = float(np.linalg.norm(np.ptp(cluster.points[:, :2], 0)))
     return distance + SIZE_WEIGHT * abs(np.log((size + 0.5) / (chain.size_m + 0.5)))
 
 
 def _parted(chains: Sequence[Chain], clusters: Sequence[Cluster]) -> list[Cluster]:
-    """Return the clusters, with those parted in which somebody meets another whose track is known well, too."""
-    parts, known = list(clusters), [chain for chain in chains if len(chain.clusters) >= FEWEST]
-    for chain in known:
-        others = [other.state[:2] for other in known if other is not chain]
-        if chain.size_m >= NARROW_M or not others:
+    """Return the clusters, and apart from their surroundings those in which somebody is whose track is known well."""
+    parts = list(clusters)
+    for chain in chains:
+        if len(chain.clusters) < FEWEST or chain.size_m >= NARROW_M:
             continue
         for number, cluster in enumerate(parts):
             own = np.linalg.norm(cluster.points[:, :2] - chain.state[:2], axis=1) < (chain.size_m + AROUND_M) / 2
-            if min(own.sum(), (~own).sum()) < LEAST_RETURNS or _size([cluster]) < chain.size_m + SLACK_M:
-                continue
-            away = cluster.points[~own, None, :2] - np.array(others)
-            if np.linalg.norm(away, axis=-1).min() < AROUND_M:
+            size = float(np.linalg.norm(np.ptp(cluster.points[:, :2], 0)))
+            if own.sum() >= LEAST_RETURNS and (~own).sum() >= LEAST_RETURNS and size > chain.size_m + SLACK_M:
                 parts[number : number + 1] = [
                     replace(cluster, points=cluster.points[some], time_s=cluster.time_s[some]) for some in (own, ~own)
                 ]
@@ -159,15 +156,10 @@ def _joined(chains: Sequence[Chain], clusters: Sequence[Cluster]) -> list[Cluste
         inside = [number for number in np.flatnonzero(near).tolist() if number in free]
         if len(inside) > 1:
             whole = merged([clusters[number] for number in inside])
-            if _size([whole]) < chain.size_m + SLACK_M:
+            if np.linalg.norm(np.ptp(whole.points[:, :2], 0)) < chain.size_m + SLACK_M:
                 joined.append(whole)
                 free -= set(inside)
     return joined + [merged([clusters[number] for number in group]) for group in groups if group[0] in free]
-
-
-def _size(clusters: Iterable[Cluster]) -> float:
-    """Return the largest diagonal of clusters, metres."""
-    return max(float(np.linalg.norm(np.ptp(cluster.points[:, :2], 0))) for cluster in clusters)
 
 
 def _line(clusters: Sequence[Cluster]) -> tuple[float, FloatArray, FloatArray]:
@@ -186,13 +178,13 @@ def _stitched(chains: list[list[Cluster]]) -> list[list[Cluster]]:
         time_b, at_b, speed_b = _line(chain[:ENDS])
         for number, other in enumerate(joined):
             gap = chain[0].middle_s - other[-1].middle_s
-            if not STITCH_S[0] < gap < STITCH_S[1]:
+            if not 0 < gap < STITCH_S:
                 continue
             time_a, at_a, speed_a = _line(other[-ENDS:])
             middle_s = (chain[0].middle_s + other[-1].middle_s) / 2
             away = float(np.linalg.norm(at_a + speed_a * (middle_s - time_a) - at_b - speed_b * (middle_s - time_b)))
             if (
-                away < max(STITCH_M, _size([*chain, *other]) / 2) + STITCH_GROWTH * abs(gap)
+                away < STITCH_M + STITCH_GROWTH * gap
                 and np.linalg.norm(speed_a - speed_b) < STITCH_SPEED
                 and away < best
             ):
