@@ -26,21 +26,19 @@ class Receiver:
 
 @dataclass(frozen=True)
 class Weather:
-    """The weather at one moment: ``visibility_m``, inf without fog; ``rain_mm_h`` and ``snow_mm_h`` of liquid water;
-    ``wetness`` of the ground in 0..1; ``spray``, a factor on the spray behind vehicles; ``seed`` of the particles."""
+    """The weather at one moment: ``visibility_m``, inf without fog; ``rain_mm_h`` and ``snow_mm_h`` of liquid water; ``seed``
+    of the particles and of random draws."""
 
     visibility_m: float = math.inf
     rain_mm_h: float = 0.0
     snow_mm_h: float = 0.0
-    wetness: float = 0.0
-    spray: float = 0.0
     seed: int = 0
     receiver: Receiver = Receiver()
 
     @property
     def is_clear(self) -> bool:
         """Whether a frame is what it is without weather."""
-        return math.isinf(self.visibility_m) and not (self.rain_mm_h or self.snow_mm_h or self.wetness)
+        return math.isinf(self.visibility_m) and not (self.rain_mm_h or self.snow_mm_h)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form; visibility is None without fog."""
@@ -69,11 +67,12 @@ class WeatherKeys:
 
     def at(self, time_s: float) -> Weather | None:
         """Return the weather at a time, seconds; None where it changes nothing."""
-        values: dict[str, Any] = {name: self._value(name, time_s) for name in self.keys}
+        values: dict[str, Any] = {name: self.value(name, time_s) for name in self.keys}
         weather = replace(self.constant, **values)
         return None if weather.is_clear else weather
 
-    def _value(self, name: str, time_s: float) -> float:
+    def value(self, name: str, time_s: float) -> float:
+        """Return one of `KEYED` that is there, at a time, seconds."""
         times, values = np.array(self.keys[name]).T
         if name != "visibility_m":
             return float(np.interp(time_s, times, values))
