@@ -38,7 +38,7 @@ MAX_FLUCTUATION = 12.0
 """Largest factor of an exponential distribution that is looked for: one draw in 160 000 is larger."""
 MAX_SOFT_M = 100.0
 """Largest range from which air is measured, metres."""
-MAX_PARTICLE_M, MAX_PARTICLES = 20.0, 800_000
+MAX_PARTICLE_M, MAX_PARTICLES = 20.0, 200_000
 """Largest range from which single particles are measured, metres, and number of a class within it all round the sensor: small
 particles are many, and are measured only near by."""
 SEAM_RAD = 0.05
