@@ -91,7 +91,7 @@ def test_weather_that_changes_nothing_leaves_the_bits_and_parts_have_those_of_th
 ) -> None:
     renderer = Renderer(loaded[kind], shadows=True)
     capture = Capture.of_frame(drive.cameras["front"], 1)
-    nothing = WeatherKeys({"rain_mm_h": ((0.0, 0.0), (0.1, 0.0), (0.2, 5.0)), "spray": ((0.0, 1.0),)})
+    nothing = WeatherKeys({"rain_mm_h": ((0.0, 0.0), (0.1, 0.0), (0.2, 5.0))})
     assert nothing.at(0.1) is None
     plain = render_image(renderer, states(renderer, drive, None), capture, CAMERA_PASSES)
     assert_same(render_image(renderer, states(renderer, drive, nothing), capture, CAMERA_PASSES), plain)
