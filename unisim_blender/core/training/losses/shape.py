@@ -3,6 +3,8 @@ ground."""
 
 from __future__ import annotations
 
+import os
+
 import torch
 import torch.nn.functional as F
 from torch import Tensor
@@ -18,6 +20,8 @@ from ...ops.segment_trace import SegmentTrace
 from ..batches.sweeps import LidarBatch
 from .terms import eikonal, normal_smoothness, sdf_band_loss, wrong_side
 
+PE = os.environ.get("PE", "")
+_ACTOR_BAND_M = 0.15
 _BAND_M = 0.3
 """Distance before a return over which the signed distance is between bounds that the way to it gives."""
 _WALL_M, _DEEP_M = 0.3, 0.1
@@ -72,6 +76,8 @@ class ShapeLosses:
                 & (depth < segments.t_far)
             )
             hits = hits.index_add(0, segments.ray, hit.to(hits.dtype))
+            if "p" in PE:
+                band = band + self._actor_passed(segments, lidar, swept, tables, generator)
             if not self.padded:
                 index = torch.nonzero(hit)[:, 0]
                 segments, depth, hit = rows_of(segments, index), depth[index], hit[index]  # noqa: PLW2901
@@ -90,6 +96,33 @@ class ShapeLosses:
         band = band + self._ground_band(returns, ground, generator)
         band = band + self._passed(o, d, depth_m, stop_m, static, generator)
         return band + self._wall_band(o, d, depth_m, static, generator), (x.detach(), static)
+
+    def _actor_passed(
+        self,
+        segments: ActorSegments,
+        lidar: LidarBatch,
+        swept: SegmentTrace,
+        tables: Tensor,
+        generator: torch.Generator | None,
+    ) -> Tensor:
+        depth_m = lidar.depth_m[segments.ray]
+        end = torch.minimum(depth_m - _ACTOR_BAND_M, segments.t_far)
+        free = lidar.returned[segments.ray] & (end > segments.t_near)
+        stop_m = torch.where(swept.volume_opacity > 0.5, swept.volume_depth_m.detach(), torch.inf)[segments.ray]
+        if not self.padded:
+            index = torch.nonzero(free)[:, 0]
+            segments, end, stop_m, free = rows_of(segments, index), end[index], stop_m[index], free[index]
+        if not len(free):
+            return end.sum() * 0
+        even, behind = torch.rand(2, len(end), generator=generator, device=end.device)
+        t = segments.t_near + (end - segments.t_near) * even
+        early = (stop_m > segments.t_near - 0.05) & (stop_m < end)
+        t = torch.where(early, torch.minimum(stop_m + _SHEET_M * behind, end), t)
+        t0, t1 = segments.t[:, :1], segments.t[:, -1:]
+        p0, p1 = segments.points[:, 0], segments.points[:, -1]
+        x = p0 + (t[:, None] - t0) / (t1 - t0).clamp_min(1e-4) * (p1 - p0)
+        below = F.relu(_FREE_M - self.model.actors.signed_distance(tables, x.clamp(0, 1), segments.actor))
+        return masked_mean(below, free)
 
     def _actor_band(
         self, segments: ActorSegments, hit: Tensor, depth_m: Tensor, tables: Tensor, generator: torch.Generator | None

@@ -4,6 +4,7 @@ and adversarial: patches seen from shifted sensor origins are to look like recor
 from __future__ import annotations
 
 import dataclasses
+import os
 from pathlib import Path
 
 import torch
@@ -14,7 +15,7 @@ from torch.nn.utils.parametrizations import spectral_norm
 from ...errors import UnisimError
 from ...model.networks import read_tensors
 from ...ops.padding import masked_mean, masked_quantile
-from ...ops.ray_segments import RayBatch
+from ...ops.ray_segments import ActorSegments, RayBatch
 from ...ops.segment_trace import SegmentTrace
 from ..batches.data import PatchBatch
 from ..batches.sweeps import LidarBatch
@@ -142,6 +143,7 @@ def as_shown(image: Tensor, shown: Tensor | None) -> Tensor:
     return image if shown is None else image * shown
 
 
+PE = os.environ.get("PE", "")
 KEEP = 0.95
 """Share of the rays that returned whose depth counts: the largest errors are left out."""
 
@@ -158,6 +160,16 @@ def lidar_terms(traced: SegmentTrace, batch: LidarBatch, inside: Tensor) -> tupl
     miss = expected_error(traced, batch.depth_m)
     with torch.no_grad():
         good = near & (miss <= masked_quantile(miss, near, KEEP))
+        if "k" in PE:
+            own = torch.zeros_like(near)
+            for segments in traced.ray_segments:
+                if isinstance(segments, ActorSegments):
+                    depth = batch.depth_m[segments.ray]
+                    hit = (depth > segments.t_near) & (depth < segments.t_far)
+                    own[segments.ray[hit]] = True
+            good = torch.zeros_like(near)
+            for part in (near & own, near & ~own):
+                good |= part & (miss <= masked_quantile(miss, part, KEEP))
     far = batch.returned & ~inside
     logs = traced.depth_m.clamp_min(1).log(), batch.depth_m.clamp_min(1e-6).log()
     reach = masked_mean(F.smooth_l1_loss(*logs, beta=0.05, reduction="none"), far)
@@ -167,6 +179,8 @@ def lidar_terms(traced: SegmentTrace, batch: LidarBatch, inside: Tensor) -> tupl
     free, surface_m = traced.feature.new_zeros(()), SURFACE_M + SURFACE_SHARE * batch.depth_m
     for segments, weights in traced.weighted():
         gap, surface = segments.stops() - batch.depth_m[segments.ray, None], surface_m[segments.ray, None]
+        if "f" in PE and isinstance(segments, ActorSegments):
+            surface = surface.clamp_max(SURFACE_M if "F" not in PE else 0.1)  # noqa: PLW2901
         # a beam that came back was free up to where it did, also among the worst: a false surface that stops a whole
         # wall's rays makes them the worst, and would stay for ever
         wrong = (gap < -surface) & batch.returned[segments.ray, None] | (gap > surface) & good[segments.ray, None]
