@@ -72,7 +72,10 @@ def boxes_of(points: FloatArray, times: FloatArray, actors: Iterable[Actor]) -> 
     order = np.argsort(points[:, 0])
     ordered, times = points[order], times[order]
     owner = np.full(len(points), -1, np.int32)
+    first_s, last_s = times.min(initial=np.inf), times.max(initial=-np.inf)
     for number, actor in enumerate(actors):
+        if actor.start_s > last_s or actor.end_s < first_s:
+            continue
         trajectory, enlarged = actor.world_from_actor, np.asarray(actor.size_m) + 0.2
         radius = np.linalg.norm(enlarged) / 2
         low, high = trajectory.positions.min(0) - radius, trajectory.positions.max(0) + radius
@@ -100,9 +103,6 @@ def some_of_each(owner: NDArray[np.int32], most: int) -> NDArray[np.int64]:
 
 def drawn_of_actors(of_actors: int, hits: int) -> float:
     """Return the share of the returns drawn that is drawn from those of actors, of which a sweep has so many among its hits."""
-    import os
-    if "s" not in os.environ.get("PE", ""):
-        return 0.0
     return min(ACTOR_SHARE, MOST_OFTEN * of_actors / max(hits, 1))
 
 
@@ -259,8 +259,7 @@ class SweepWindow:
         hits, drops = np.split(order, [int(rays.returned[order].sum())])
         origins, times = rays.origins[hits], rays.time_s[hits]
         points = origins + rays.directions[hits] * rays.depth_m[hits, None]
-        begin, end = times.min(initial=np.inf), times.max(initial=-np.inf)
-        owner = boxes_of(points, times, [a for a in self._actors if a.start_s <= end and a.end_s >= begin])
+        owner = boxes_of(points, times, self._actors)
         own = some_of_each(owner, ACTOR_RETURNS)
         order = np.concatenate([hits[own], np.delete(hits, own), drops])
         n = len(order)
