@@ -30,8 +30,8 @@ _SOLID_M, _SOLID_SHARE = 0.4, 0.25
 """An actor's is as far behind a return in its box, and as far as this share of the box's shortest edge."""
 _PASSED_M, _FREE_M = 4.0, 0.02
 """Distance before it over which the way is free, and the distance at least this."""
-_CLEAR_M = 0.15
-"""And this in an actor's box, where a ray stops too early: nearer to a surface there is haze."""
+_SKIN_M, _CLEAR_M = 0.1, 0.15
+"""So far behind the face of an actor's box where a beam enters it, it is this: there are neither skins nor haze."""
 _SHEET_M = 0.2
 """Where a ray stops before it, this far behind the stop at most is looked."""
 _SENSOR_M = 1.0
@@ -71,7 +71,7 @@ class ShapeLosses:
             depth = lidar.depth_m[segments.ray]
             hit = lidar.returned[segments.ray] & above[segments.ray] & segments.contain(depth)
             hits = hits.index_add(0, segments.ray, hit.to(hits.dtype))
-            band = band + self._actor_passed(segments, lidar, swept, tables, generator)
+            band = band + self._actor_passed(segments, lidar, tables, generator)
             if not self.padded:
                 index = torch.nonzero(hit)[:, 0]
                 segments, depth, hit = rows_of(segments, index), depth[index], hit[index]  # noqa: PLW2901
@@ -92,29 +92,27 @@ class ShapeLosses:
         return band + self._wall_band(o, d, depth_m, static, generator), (x.detach(), static)
 
     def _actor_passed(
-        self,
-        segments: ActorSegments,
-        lidar: LidarBatch,
-        swept: SegmentTrace,
-        tables: Tensor,
-        generator: torch.Generator | None,
+        self, segments: ActorSegments, lidar: LidarBatch, tables: Tensor, generator: torch.Generator | None
     ) -> Tensor:
-        """Return the loss of actors' signed distances where beams that returned pass through boxes: as `_passed`, there and
-        up to the return."""
+        """Return the loss of actors' signed distances where beams that returned pass through boxes, up to the return: mean
+        depth of what lies below what is free, half of it at the faces where they enter.
+
+        Images of who is seen from one side alone fit a skin on the box's face as well as a body, and the body's losses do
+        not reach it. Samples of rays seldom lie there, and a renderer's first one always does.
+        """
         end = torch.minimum(lidar.depth_m[segments.ray] - _ACTOR_BAND_M, segments.t_far)
-        stop_m = torch.where(swept.volume_opacity > 0.5, swept.volume_depth_m.detach(), torch.inf)[segments.ray]
         passed = lidar.returned[segments.ray] & (segments.t_near < end)
         if not self.padded:
             index = torch.nonzero(passed)[:, 0]
-            segments, end, stop_m, passed = rows_of(segments, index), end[index], stop_m[index], passed[index]
+            segments, end, passed = rows_of(segments, index), end[index], passed[index]
             if not len(index):
                 return end.sum()
-        even, behind, sheet = torch.rand(3, len(end), generator=generator, device=end.device)
+        even, skin = torch.rand(2, len(end), generator=generator, device=end.device)
+        entering = skin < 0.5
         depth_m = segments.t_near + even * (end - segments.t_near)
-        early = (stop_m > segments.t_near - _STEP_M) & (stop_m < end)
-        depth_m = torch.where(early & (sheet < 0.5), torch.minimum(stop_m + _SHEET_M * behind, end), depth_m)
+        depth_m = torch.where(entering, segments.t_near + even * (end - segments.t_near).clamp_max(_SKIN_M), depth_m)
         s = self.model.actors.signed_distance(tables, segments.at(depth_m).clamp(0, 1), segments.actor)
-        return masked_mean(F.relu(torch.where(early, _CLEAR_M, _FREE_M) - s), passed)
+        return masked_mean(F.relu(torch.where(entering, _CLEAR_M, _FREE_M) - s), passed)
 
     def _actor_band(
         self, segments: ActorSegments, hit: Tensor, depth_m: Tensor, tables: Tensor, generator: torch.Generator | None
