@@ -19,6 +19,7 @@ from unisim_blender.core.tracks import evidence as evidence_module
 from unisim_blender.core.tracks.associate import associate
 from unisim_blender.core.tracks.box_file import Track, default_path, read_boxes
 from unisim_blender.core.tracks.boxes import closest_heading, completed
+from unisim_blender.core.tracks.certainty import moving_features, probability
 from unisim_blender.core.tracks.clusters import Cluster
 from unisim_blender.core.tracks.evidence import evidence_of
 from unisim_blender.core.tracks.find import RISE_M, _heading, find_tracks, in_own_world
@@ -27,8 +28,8 @@ from unisim_blender.core.tracks.ground import GroundBuilder
 from unisim_blender.core.tracks.register import PlanarPath, register, returns_of, rotated, smoothed
 from unisim_blender.core.tracks.report import report
 from unisim_blender.core.tracks.scans import Scan, read_scan, scans_of
-from unisim_blender.core.tracks.shape import class_of
-from unisim_blender.core.tracks.standing import COLUMNS, _pieces, standing_box
+from unisim_blender.core.tracks.shape import class_of, shape_of
+from unisim_blender.core.tracks.standing import COLUMNS, StandingBox, _pieces, around, standing_box
 from unisim_blender.core.world.drive import Drive, Lidar, LidarModel
 
 MODEL = LidarModel(np.radians(np.linspace(8, -20, 40)), np.zeros(40), columns=450, max_range_m=70.0)
@@ -294,10 +295,34 @@ def test_two_that_cross_and_a_gap_stay_two_tracks() -> None:
         assert np.ptp([part.middle[1] for part in chain]) < 0.5
 
 
+def test_two_who_pass_each_other_closely_stay_two() -> None:
+    rng, sweeps = np.random.default_rng(0), []
+    for number in range(30):
+        at = 0.14 * (number - 15)
+        people = [rng.uniform(-0.25, 0.25, (60, 2)) + (side * at, 0.35 * side) for side in (-1, 1)]
+        parts = [np.concatenate(people)] if abs(at) < 0.5 else people
+        sweeps.append([cluster(part, number * 0.1) for part in parts])
+    chains = associate(sweeps)
+    assert len(chains) == 2 and min(len(chain) for chain in chains) > 27
+    assert all(np.ptp([part.middle[1] for part in chain]) < 0.6 for chain in chains)  # they are 0.7 m apart
+
+
 def test_a_track_goes_on_behind_a_long_gap() -> None:
     places = [number * 0.1 for number in range(40) if not 12 <= number < 32]  # longer than a filter coasts
     chains = associate([[cluster(l_shape(0.0, np.array([10 * time_s, 0.0])), time_s)] for time_s in places])
     assert [len(chain) for chain in chains] == [20]
+
+
+def test_a_track_goes_on_where_nothing_sees_through_its_place() -> None:
+    sweeps = []
+    for number in range(20):
+        car = cluster(l_shape(0.0, np.array([0.8 * number, 0.0])), number * 0.1)
+        beside = cluster(l_shape(0.0, np.array([0.8 * number, 6.0])), number * 0.1)
+        is_weak = not 5 <= number < 15
+        sweeps.append([replace(car, is_weak=is_weak), replace(beside, is_weak=True)])
+    (chain,) = associate(sweeps)
+    assert [part.middle_s for part in chain] == pytest.approx([0.1 * number for number in range(20)])
+    assert np.ptp([part.middle[1] for part in chain]) < 0.5
 
 
 def test_registration_takes_back_a_turning_path() -> None:
@@ -330,12 +355,37 @@ def voxels(low: FloatArray, high: FloatArray) -> FloatArray:
     return values
 
 
+def chance(box: StandingBox, stays: FloatArray) -> float:
+    return probability((*box.features, around(box, stays)), "standing")
+
+
 def test_a_wall_is_no_vehicle_and_a_cone_a_doubtful_candidate() -> None:
-    wall = standing_box(voxels(np.array([5, 3, 0.3]), np.array([9.5, 3.2, 2.0])))
-    assert wall is not None and wall.certainty < 0.05
+    low, high = np.array([5, 3, 0.3]), np.array([9.5, 3.2, 2.0])
+    wall, car = standing_box(voxels(low, high)), standing_box(voxels(low, np.array([9.5, 4.8, 1.5])))
+    assert wall is not None and chance(wall, voxels(low, high)) < 0.2
+    assert car is not None and chance(car, voxels(low, np.array([9.5, 4.8, 1.5]))) > 0.7
     cone = standing_box(voxels(np.array([5, 3, 0.3]), np.array([5.3, 3.3, 0.8])))
-    assert cone is not None and cone.label == "Cones" and 0.1 < cone.certainty < 0.3
+    assert cone is not None and cone.label == "Cones" and not cone.features
     assert standing_box(voxels(np.array([5, 3, 0.3]), np.array([15, 6, 2.0]))) is None
+
+
+def test_a_piece_of_a_hedge_is_less_certain_than_the_same_alone() -> None:
+    low, high = np.array([5, 3, 0.3]), np.array([9.5, 4.8, 1.5])
+    box, hedge = standing_box(voxels(low, high)), voxels(low - [2, 0, 0], high + [2, 0, 0])
+    assert box is not None and chance(box, hedge) < chance(box, voxels(low, high)) - 0.05
+
+
+def test_what_moves_where_something_stands_is_less_certain() -> None:
+    times = np.arange(12) * 0.1
+    path = PlanarPath(times, np.stack([3 * times, 0 * times], 1), 0 * times)
+    clusters = [cluster(l_shape(0.0, at), time_s) for at, time_s in zip(path.positions, times, strict=True)]
+    returns = returns_of(clusters, lambda points: np.zeros(len(points)))
+    stands = voxels(np.array([-4, -3, 0.0]), np.array([9, 3, 2.0]))
+
+    def certain(stays: FloatArray) -> float:
+        return probability(moving_features(returns, 1.0, 1.0, stays), "moving")
+
+    assert certain(stands[:0]) > 0.9 > certain(stands) + 0.1
 
 
 def test_a_car_looks_where_its_lower_end_is() -> None:
@@ -362,6 +412,13 @@ def test_what_is_parked_bumper_to_bumper_is_parted() -> None:
 )  # fmt: skip
 def test_classes_by_size_and_speed(size: tuple[float, float, float], speed: float, label: str) -> None:
     assert class_of(*size, speed) == label
+
+
+def test_a_branch_is_no_part_of_who_walks_below_it() -> None:
+    body = np.random.default_rng(0).uniform([-0.25, -0.3, 0.3], [0.25, 0.3, 1.75], (200, 3))
+    branch = np.random.default_rng(1).uniform([-0.2, -0.2, 3.2], [0.2, 0.2, 3.5], (20, 3))
+    shape = shape_of(np.concatenate([body, branch]), np.tile([-10.0, 0.0], (220, 1)), 1.4)
+    assert shape.label == "Pedestrian" and 1.5 < shape.size_m[2] < 2.0
 
 
 def test_a_search_without_scipy_says_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
