@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import io
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from PIL import Image
 
 from unisim_blender.core.data.log import Log, Sweep
 from unisim_blender.core.data.moved import on_trajectory
@@ -26,7 +30,7 @@ from unisim_blender.core.tracks.find import RISE_M, _heading, find_tracks, in_ow
 from unisim_blender.core.tracks.free_space import left_or_entered, range_image, windows
 from unisim_blender.core.tracks.ground import GroundBuilder
 from unisim_blender.core.tracks.register import PlanarPath, register, returns_of, rotated, smoothed
-from unisim_blender.core.tracks.report import report
+from unisim_blender.core.tracks.report import report, seen_by
 from unisim_blender.core.tracks.scans import Scan, read_scan, scans_of
 from unisim_blender.core.tracks.shape import class_of, shape_of
 from unisim_blender.core.tracks.standing import COLUMNS, StandingBox, _pieces, around, standing_box
@@ -202,18 +206,40 @@ def test_the_command_writes_a_file_of_boxes_and_a_report(tmp_path: Path, monkeyp
 
     log = driven(tmp_path, frames=12)
     monkeypatch.setattr(readers, "open_log", lambda path: log)
-    page = tmp_path / "report.html"
-    result = CliRunner().invoke(command, [str(log.path), "--report", str(page), "--poses", "log", "--quiet"])
+    page, film = tmp_path / "report.html", tmp_path / "film.html"
+    args = [str(log.path), "--report", str(page), "--film", str(film), "--poses", "log", "--quiet"]
+    result = CliRunner().invoke(command, args)
     assert result.exit_code == 0, result.output
     tracks = read_boxes(default_path(log.path)).tracks
     assert {track.source for track in tracks} == {"lidar"} and min(track.certainty for track in tracks) >= 0.3
     assert all(track.actor.uid in page.read_text() for track in tracks)
     assert "moving Car" in result.output
+    assert len(list((tmp_path / "film").iterdir())) == 12 and "000011.jpg" in film.read_text()
 
 
 def test_the_report_stands_alone(searched: tuple[Log, tuple[Track, ...]]) -> None:
-    text = report(*searched)
-    assert "http" not in text and text.count("<polygon") == len(searched[1])
+    log, tracks = searched
+    pictures = []
+    for shown in (tracks, ()):
+        text = report(log, shown)
+        assert "http" not in text
+        (data,) = re.findall(r'<img src="data:image/png;base64,([^"]+)"', text)
+        pictures.append(np.asarray(Image.open(io.BytesIO(base64.b64decode(data)))))
+    boxed, bare = ((picture.max(2) > picture.min(2).astype(int) + 60).sum() for picture in pictures)
+    assert boxed > bare + 100 * len(tracks)  # the boxes are in the picture itself
+
+
+def test_what_one_sensor_alone_saw(searched: tuple[Log, tuple[Track, ...]]) -> None:
+    log, tracks = searched
+    moving, standing = (next(t for t in tracks if t.actor.is_moving == moves) for moves in (True, False))
+    far = standing.actor.world_from_actor.transformed(
+        left=make_pose(np.array([0.0, 300.0, 0.0]), quaternion_from_yaw(0.0))
+    )
+    away = replace(standing, actor=replace(standing.actor, uid="away", world_from_actor=far))
+    lidar = next(iter(log.drive.lidars))
+    seen = seen_by(log, (moving, standing, away))
+    assert lidar in seen[moving.actor.uid] and lidar in seen[standing.actor.uid] and seen["away"] == set()
+    assert "away: none" in report(log, (moving, away))
 
 
 def test_ground_is_below_what_stands(tmp_path: Path) -> None:
