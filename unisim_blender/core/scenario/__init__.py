@@ -13,8 +13,9 @@ from types import UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from ..errors import ScenarioError
+from ..files import write_file
 from ..geometry import TrajectoryError
-from ..json_file import check_finite, read_json, write_text
+from ..json_file import check_finite, read_json
 from ..remote.requests import beside, is_url
 from ..sensors.frames import FORMER_PASSES
 from ..world.drive import Drive
@@ -29,6 +30,7 @@ from .sensors.select import select_sensors
 from .simulation import check_simulation
 from .times import check_times
 from .types import RECORDED, FrameRange, Scenario, StreetLog
+from .weather import check_weather, weather_of
 
 __all__ = [
     "FORMAT", "VERSION", "apply_scenario", "at_url", "build", "check_scenario", "load_scenario", "plain", "rebased",
@@ -47,7 +49,7 @@ def save_scenario(scenario: Scenario, path: Path) -> None:
     document = scenario_to_json(scenario)
     check_finite(document, f"{path}: ", ScenarioError)
     check_scenario(scenario)
-    write_text(Path(path), json.dumps(document, indent=2, ensure_ascii=False) + "\n", ScenarioError)
+    write_file(Path(path), json.dumps(document, indent=2, ensure_ascii=False) + "\n", ScenarioError)
 
 
 def scenario_from_json(document: Any, path: Path = Path("scenario.json")) -> Scenario:
@@ -174,6 +176,8 @@ def check_scenario(scenario: Scenario) -> None:
             taken[new] = f"edits[{index}]"
     if scenario.sensors is not None:
         check_sensors(scenario.sensors, f"{path}: sensors")
+    if scenario.weather is not None:
+        check_weather(scenario.weather, f"{path}: weather")
     if scenario.simulation is not None:
         check_simulation(scenario.simulation, f"{path}: simulation")
 
@@ -228,9 +232,14 @@ def apply_scenario(scenario: Scenario, base_drive: Drive, scene_actors: SceneAct
             place = f"{scenario.path}: edits[{index}]"
             drive = edit.apply(drive, place, context)
         place = f"{scenario.path}: sensors"
-        return select_sensors(select_frames(drive, scenario), context)
+        return select_sensors(with_weather(select_frames(drive, scenario), scenario), context)
     except TrajectoryError as fault:
         fail(place, str(fault))
+
+
+def with_weather(drive: Drive, scenario: Scenario) -> Drive:
+    """Return the drive in the scenario's weather."""
+    return drive if scenario.weather is None else replace(drive, weather=weather_of(scenario.weather))
 
 
 def select_frames(drive: Drive, scenario: Scenario) -> Drive:

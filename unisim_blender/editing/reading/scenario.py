@@ -64,6 +64,7 @@ def read_scenario(
         sensors=sensors_of(sampled, drive),
         boxes=reading.boxes or None,
         edits=edits,
+        weather=sampled.weather,
         outputs=outputs,
         path=path,
     )
