@@ -215,6 +215,7 @@ def stopped(n: int, boxes: int, early_m: float, depth_m: float) -> tuple[Segment
         if kind is ActorSegments:
             own = dict(
                 actor_set=0, actor=torch.zeros(len(ray), dtype=torch.long), t_near=t[:, 0] - 0.01, t_far=t[:, 0] + 1.0,
+                row=torch.zeros(len(ray), dtype=torch.long),
                 world_from_box=torch.eye(3).expand(len(ray), 3, 3), size_m=torch.ones(len(ray), 3),
             )  # fmt: skip
         parts.append(kind(
