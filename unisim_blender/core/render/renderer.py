@@ -31,7 +31,7 @@ from ..sensors.bounds import beside_boxes
 from ..sensors.camera import along_axis, camera_rays, pixel_grid
 from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
 from ..sensors.lidar import BeamMeasurements, lidar_rays, sweep_frame
-from ..sensors.rays import Rays
+from ..sensors.rays import Rays, exposure_window
 from ..sensors.unprojection import has_direction, image_mask, least_pixels_per_rad
 from ..weather import camera as camera_weather
 from ..weather import lidar as lidar_weather
@@ -49,6 +49,8 @@ MIN_PREVIEW_WIDTH_PX = 16
 """Smallest width of a preview, in pixels."""
 SKY_WIDTH_PX = 64
 """Width of the image from which the light of the air is estimated, in pixels."""
+MAX_AIRLIGHTS = 64
+"""Number of images whose light of the air is stored."""
 
 
 @dataclass
@@ -120,7 +122,8 @@ class Renderer:
     def __init__(self, backend: Backend, shadows: bool = False, lighting: Backend | None = None) -> None:
         self.backend, self.shadows = backend, shadows
         self._bound = _Binding(backend)
-        self._behind = _Binding(backend)
+        self._behind, self._empty = _Binding(backend), _Binding(backend)
+        self._airlights: dict[tuple[object, ...], FloatArray] = {}
         self._lighting = self._bound if lighting is None or lighting is backend else _Binding(lighting)
         self.quality = backend.quality
         """Settings of speed and accuracy; they may be changed between two frames."""
@@ -269,11 +272,25 @@ class Renderer:
         undeciding = needed - _needed(passes, False)
         exposure = _Exposure(tracer, state, camera, time_s, passes, needed, undeciding, shadowing, moved)
         if state.weather is not None:
-            small = camera.resized(min(SKY_WIDTH_PX, camera.model.width))
-            clear = replace(exposure, camera=small, passes=("rgb", "depth"), stats=RenderStats())
-            (tile,) = self._tiles(clear, Region.of_image(small.model))
-            exposure.airlight = camera_weather.airlight(tile.frame, small, time_s)
+            exposure.airlight = self.airlight(state, camera, time_s)
         return exposure
+
+    def airlight(self, state: WorldState, camera: Camera, time_s: float) -> FloatArray:
+        """Return the light (3,) of the air, linear, in a camera's images of a state: that of the recorded world without
+        actors, so that no edit changes it. It is estimated once for an exposure."""
+        small = camera.resized(min(SKY_WIDTH_PX, camera.model.width))
+        path = camera.world_from_camera.between(*exposure_window(camera, time_s))
+        key = (small.sensor_id, small.model_at(time_s), small.full_width, path.content(), time_s, self.quality)
+        if key not in self._airlights:
+            empty = replace(state, actors=(), static_copies=(), removed_boxes=(), weather=None)
+            clear = _Exposure(
+                self._empty.tracer(empty, self.quality), empty, small, time_s, ("rgb", "depth"), {"depth"}
+            )
+            (tile,) = self._tiles(clear, Region.of_image(small.model))
+            if len(self._airlights) >= MAX_AIRLIGHTS:
+                del self._airlights[next(iter(self._airlights))]
+            self._airlights[key] = camera_weather.airlight(tile.frame, small, time_s)
+        return self._airlights[key]
 
     def _finished(self, exposure: _Exposure, frame: CameraFrame, region: Region) -> CameraFrame:
         """Return the frame of a region in the state's weather, blank where its lens shows nothing."""
@@ -571,11 +588,15 @@ class Renderer:
             )
             stats.seconds = {"trace": time.perf_counter() - begun}
             frame = sweep_frame(lidar, time_s, rays, measured, tracer.active.uids, seed, stats)
-            if state.weather is None:
-                return frame
-            return lidar_weather.weathered(frame, lidar, state.weather, time_s)
+            return self.sweep_in_weather(frame, state, lidar, time_s)
 
         return finish
+
+    def sweep_in_weather(self, frame: LidarFrame, state: WorldState, lidar: Lidar, time_s: float) -> LidarFrame:
+        """Return the sweep of clear air at ``time_s`` in the state's weather."""
+        if state.weather is None:
+            return frame
+        return lidar_weather.weathered(frame, lidar, state.weather, time_s)
 
     def beams(
         self, state: WorldState, rays: Rays, lidar: Lidar | None = None, stats: RenderStats | None = None
