@@ -43,7 +43,7 @@ class RenderedState:
 
     def comparable(self, other: RenderedState) -> bool:
         """Return whether frames of the two differ by actors and static boxes alone, each where they are. In rain and snow
-        that takes one time; the light of the air depends on neither (`Renderer.airlight`)."""
+        that takes one time; the light of the air depends on neither (`Renderer.air`)."""
         weather = self.state.weather
         falling = weather is not None and bool(weather.rain_mm_h or weather.snow_mm_h)
         alike = self.about == other.about and self.margin == other.margin and weather == other.state.weather
