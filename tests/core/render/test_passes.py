@@ -24,6 +24,7 @@ from unisim_blender.core.sensors.frames import CAMERA_PASSES, CameraFrame
 FIELDS = {
     "depth": {"depth_m", "z_depth_m"}, "normal": {"normal"}, "instance": {"instance"}, "opacity": {"opacity"},
     "unsupported": {"unsupported"},
+    "confidence": {"confidence"},
 }  # fmt: skip
 ASKED = [("rgb",), *(("rgb", name) for name in FIELDS), ("rgb", "normal", "unsupported"), CAMERA_PASSES]
 TRACERS = ("torch", *(("compiled",) if native.library() is not None else ()))

@@ -14,7 +14,7 @@ Numpy alone: whatever a backend computes with, the renderer is given it. A rende
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, overload
@@ -34,14 +34,18 @@ from ..sensors.rays import Rays
 from ..sensors.unprojection import has_direction, image_mask, least_pixels_per_rad
 from ..world.drive import Actor, Camera, Lidar
 from ..world.replay import WorldState
+from .confidence import RecordedDepth, ViewEvidence, probability, recorded_depth
 from .contact_shadow import SHADOW_CUTOFF_M, displaced, faded, shaded
 from .lattice import NEAR_BOXES, Region, SparseImage, Tile, aligned, fill_passes, progressive_strides
+from .observed_space import Observing
 from .quality import Quality
 from .tracer import NEAR_M, Array, Backend, Maps, Tracer
 from .visibility import Reach
 
 MAX_LATTICE_SPACING_PX = 1.5
 """Widest spacing of a lattice, in pixels of the images that the scene was trained on."""
+SHARE_STRIDE = 4
+"""Stride through the rows and columns by which the share of confident pixels or beams is estimated."""
 MIN_PREVIEW_WIDTH_PX = 16
 """Smallest width of a preview, in pixels."""
 
@@ -69,6 +73,11 @@ class _Exposure:
     """What waits for the whole image, which a GPU has begun."""
     lights: dict[str, FloatArray] = field(default_factory=dict)
     """Brightness of white ground under an actor, by the actor's id."""
+
+    @property
+    def needs_rays(self) -> bool:
+        """Whether the frame is finished by its rays: for contact shadows and for confidence."""
+        return bool(self.shadowing) or "confidence" in self.passes
 
 
 class _Binding:
@@ -105,11 +114,18 @@ class Renderer:
     """Renders states of the world with a backend, which holds the loaded scenes and traces rays through them.
 
     ``shadows`` adds contact shadows under inserted actors. ``lighting`` is the backend that traces the ground around
-    meshes, from which they are lit, where ``backend`` shows only part of it.
+    meshes, from which they are lit, where ``backend`` shows only part of it. ``recorded_depth`` is what confidence is
+    computed from, where it is at hand.
     """
 
-    def __init__(self, backend: Backend, shadows: bool = False, lighting: Backend | None = None) -> None:
-        self.backend, self.shadows = backend, shadows
+    def __init__(
+        self,
+        backend: Backend,
+        shadows: bool = False,
+        lighting: Backend | None = None,
+        recorded_depth: RecordedDepth | None = None,
+    ) -> None:
+        self.backend, self.shadows, self._recorded_depth = backend, shadows, recorded_depth
         self._bound = _Binding(backend)
         self._behind = _Binding(backend)
         self._lighting = self._bound if lighting is None or lighting is backend else _Binding(lighting)
@@ -255,8 +271,9 @@ class Renderer:
             for actor in displaced(state, recorded)
             if actor.uid in tracer.active.uids
         }
-        needed = _needed(passes, bool(shadowing or moved))
-        undeciding = needed - _needed(passes, False)
+        requested = self._with_evidence(passes)
+        needed = _needed(requested, bool(shadowing or moved))
+        undeciding = needed - _needed(set(passes) - {"confidence"}, False)
         return _Exposure(tracer, state, camera, time_s, passes, needed, undeciding, shadowing, moved)
 
     def _shadowing(self, state: WorldState, camera: Camera) -> list[Actor]:
@@ -289,7 +306,7 @@ class Renderer:
         cells, size, spread = self._cells(exposure, region)
         finished = self._on_device(exposure, cells, size, spread)
         u, v = (x[cells] for x in pixel_grid(camera.model, up))
-        rays = camera_rays(camera, time_s, u, v) if finished is None or exposure.shadowing else None
+        rays = camera_rays(camera, time_s, u, v) if finished is None or exposure.needs_rays else None
         along: FloatArray | Array | None
         if finished is not None:
             image, along, maps = finished.pop("rgb"), finished.pop("along", None), finished
@@ -320,6 +337,8 @@ class Renderer:
             cells = u[:, x], v[y].T
             rays = camera_rays(camera, time_s, *cells).flat()
             image, maps = self._seen(exposure, cells, rays, 1)
+            if "confidence" in exposure.passes:
+                maps["confidence"] = self._confidence(exposure, rays, maps)
             if in_view and size > 1:
                 # meshes are sharper than the trained scene, and foreign actors may be
                 maps[NEAR_BOXES] = beside_boxes(in_view, rays, size / least_pixels_per_rad(model))
@@ -352,7 +371,8 @@ class Renderer:
             inner = part.within((rows, columns), 1)
             maps = {name: x[inner].reshape(-1, *x.shape[2:]) for name, x in values.items()}
             across, down = u[:, inner[1]], v[inner[0]]
-            rays = camera_rays(camera, time_s, *np.broadcast_arrays(across, down)) if exposure.shadowing else None
+            finishes = exposure.needs_rays if finished is not None else bool(exposure.shadowing)
+            rays = camera_rays(camera, time_s, *np.broadcast_arrays(across, down)) if finishes else None
             along: FloatArray | Array | None = None
             if "depth" in maps:
                 along = (
@@ -462,8 +482,76 @@ class Renderer:
         model = camera.model_at(time_s)
         out = CameraFrame(model, pose, image[inner], instances=exposure.tracer.active.uids, stats=exposure.stats)
         shape = -(-image.shape[0] // up), -(-image.shape[1] // up)
+        if "confidence" in exposure.passes and "confidence" not in maps:
+            assert rays is not None
+            maps = {**maps, "confidence": self._confidence(exposure, rays.flat(), maps)}
         fill_passes(out, {name: x for name, x in maps.items() if name in exposure.passes}, along, shape, up, inner)
         return out
+
+    def _confidence(self, exposure: _Exposure, rays: Rays, maps: Maps) -> Array:
+        """Return the confidence (N,) of flat rays (N,) of an image."""
+        camera, pixel_rad = exposure.camera, exposure.tracer.upsample / exposure.camera.model.pixels_per_rad
+        pose = camera.world_from_camera.at(exposure.time_s)
+        return self.confidence(exposure.state, pose, rays, maps, pixel_rad)
+
+    def _with_evidence(self, passes: Sequence[str]) -> set[str]:
+        """Return the maps that passes need, with those that confidence is computed from in its place."""
+        if "confidence" not in passes:
+            return set(passes)
+        evidence = {"depth", "instance", "opacity"} if isinstance(self.backend, Observing) else {"unsupported"}
+        return set(passes) - {"confidence"} | evidence
+
+    @property
+    def recorded_depth(self) -> RecordedDepth | None:
+        """Distances of the recorded images and sweeps, traced when they are first needed; None without a trained scene."""
+        if self._recorded_depth is None and isinstance(self.backend, Observing):
+            self._recorded_depth = recorded_depth(self.backend, self.backend.observed[0])
+        return self._recorded_depth
+
+    def evidence(
+        self, state: WorldState, pose: FloatArray, rays: Rays, maps: Maps, pixel_rad: float
+    ) -> ViewEvidence | None:
+        """Return what the recording shows of the ends of flat rays (N,) from a sensor's pose, see `confidence`; None
+        without a trained scene."""
+        if self.recorded_depth is None:
+            return None
+        actors, active = {actor.uid: actor for actor in state.actors}, self.tracer(state).active
+        own = [actors[uid] if uid in active.own.uids else None for uid in active.uids]
+        near = self.recorded_depth.near(pose, pixel_rad == 0)
+        return near.evidence(rays, maps["depth"], maps["instance"], own, pixel_rad)
+
+    def confidence(self, state: WorldState, pose: FloatArray, rays: Rays, maps: Maps, pixel_rad: float = 0.0) -> Array:
+        """Return the probability (N,) that what flat rays (N,) from a sensor's pose show is right, by their maps: of a
+        camera's rays, ``pixel_rad`` apart, or of a LiDAR's beams. Meshes are as they are drawn: 1. Without a trained scene
+        0 and 1, by what is unsupported."""
+        if "unsupported" in maps and self.recorded_depth is None:
+            return 1 - maps["unsupported"].astype(np.float32)
+        evidence = self.evidence(state, pose, rays, maps, pixel_rad)
+        assert evidence is not None
+        right = probability(evidence, maps["depth"], maps["opacity"], maps["instance"], pixel_rad == 0)
+        active = self.tracer(state).active
+        right[maps["instance"] > len(active.uids) - len(active.mesh_actors.uids)] = 1
+        return right
+
+    def confident_share(self, state: WorldState, sensor: Camera | Lidar, time_s: float) -> float | None:
+        """Return the share of a sensor's pixels, or returning beams, that are right more likely than not, estimated from every
+        `SHARE_STRIDE`-th row and column; None without a trained scene, and where nothing is seen."""
+        if self.recorded_depth is None:
+            return None
+        is_camera, few = isinstance(sensor, Camera), slice(SHARE_STRIDE // 2, None, SHARE_STRIDE)
+        if isinstance(sensor, Camera):
+            u, v = (x[few, few] for x in pixel_grid(sensor.model))
+            seen = has_direction(sensor.model, u, v).reshape(-1)
+            rays, pixel_rad = camera_rays(sensor, time_s, u, v).flat(), 1 / sensor.model.pixels_per_rad
+        else:
+            rays, pixel_rad = lidar_rays(sensor, time_s, few, few).flat(), 0.0
+        tracer = self.tracer(state)
+        mesh_hits = tracer.active.mesh_actors.seen_by(sensor).hit_by_rays(rays, NEAR_M)
+        traced = tracer.trace(rays, {"depth", "instance", "opacity"}, is_camera, mesh_hits, RenderStats())
+        if not is_camera:
+            seen = tracer.returns(traced, rays.directions)[1] >= 0.5
+        right = self.confidence(state, sensor.trajectory.at(time_s), rays, traced.maps, pixel_rad) >= 0.5
+        return float(right[seen].mean()) if seen.any() else None
 
     def _light(self, exposure: _Exposure, actor: Actor) -> FloatArray:
         """Return the brightness (3,), linear, of white ground under an actor, estimated from the ground beside it in
@@ -552,7 +640,7 @@ def _alone(tracer: Tracer[Any]) -> bool:
     return tracer.reach == 0 and tracer.upsample == 1
 
 
-def _needed(passes: Sequence[str], shades: bool) -> set[str]:
+def _needed(passes: Collection[str], shades: bool) -> set[str]:
     """Return the maps that an image with these passes needs: a lattice finds edges of normals by depth, and contact
     shadows need the ground."""
     return {*passes, *(("depth",) if "normal" in passes else ()), *(("depth", "instance") if shades else ())} - {"rgb"}

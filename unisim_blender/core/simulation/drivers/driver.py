@@ -34,13 +34,15 @@ POINT_FIELDS = np.dtype([(name, FIELDS[name]) for name in FIELDS.names or () if 
 @dataclass(frozen=True, eq=False)
 class CameraImage:
     """A camera's image: ``rgb`` (H, W, 3) uint8, sRGB, row 0 at the top. ``time_us`` is its timestamp, ``start_us`` and
-    ``end_us`` are when its exposure started and ended, integer microseconds from the log's first frame."""
+    ``end_us`` are when its exposure started and ended, integer microseconds from the log's first frame. ``confidence`` (H, W)
+    in 0..1 is there where the rollout has this pass."""
 
     sensor_id: str
     time_us: int
     start_us: int
     end_us: int
     rgb: NDArray[np.uint8]
+    confidence: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,9 +42,10 @@ record."""
 
 class SensorSource(Protocol):
     """Delivers what exposures see. ``unsupported`` is the share of unsupported pixels of each camera's image of the last call of
-    `render`, where it is known."""
+    `render`, ``confident`` that of confident pixels or beams of each sensor, where they are known."""
 
     unsupported: dict[str, float]
+    confident: dict[str, float]
 
     def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
         """Return what exposures see of a world's drive, in their order."""
@@ -62,6 +63,8 @@ class SimulatedSensors:
     out: Path | None
     unsupported: dict[str, float] = field(default_factory=dict)
     """The share of unsupported pixels of each camera's image of the last call of `render`."""
+    confident: dict[str, float] = field(default_factory=dict)
+    """The share of confident pixels, or beams, of each sensor's frame of the last call of `render`."""
     frames: dict[str, CameraFrame | LidarFrame] = field(default_factory=dict)
     """Frames of the last call of `render`, by the sensors' names; of several frames of a sensor, the last one."""
     reuse: FrameReuse | None = field(default_factory=FrameReuse)
@@ -74,20 +77,26 @@ class SimulatedSensors:
         start = capture_renderer(plan, self.renderer, self.reuse)
         identities = None if self.out is None else CaptureIdentities(plan)
         images, sweeps = [], []
-        self.unsupported, self.frames = {}, {}
+        self.unsupported, self.confident, self.frames = {}, {}, {}
         ahead = started_ahead(start, (exposure.capture for exposure in exposures))
         for exposure, waits in zip(exposures, ahead, strict=True):
             if identities is None or self.out is None:
                 shot = waits()
             else:
                 shot = self._written(identities, waits, exposure, self.out)
-            self.frames[exposure.capture.sensor_id] = shot
+            sensor_id = exposure.capture.sensor_id
+            self.frames[sensor_id] = shot
+            sensor = drive.sensors[sensor_id]
+            time_s = exposure.capture.time_s(sensor)
+            share = self.renderer.confident_share(plan.captures.state(sensor, time_s), sensor, time_s)
+            if share is not None:
+                self.confident[sensor_id] = share
             if isinstance(shot, LidarFrame):
                 sweeps.append(delivered_sweep(exposure, sweep_points(shot)))
                 continue
             if shot.unsupported is not None:
                 self.unsupported[exposure.capture.sensor_id] = float(np.mean(shot.unsupported))
-            images.append(delivered_image(exposure, bytes_from_srgb(shot.rgb)))
+            images.append(delivered_image(exposure, bytes_from_srgb(shot.rgb), shot.confidence))
         return images, sweeps
 
     def _written(
@@ -128,7 +137,12 @@ class SimulatedSensors:
                 raise OutputError(f"{self.out}: {name} of {moment.name} is missing or was changed; name another folder")
             if is_camera:
                 rgb = np.asarray(PillowImage.open(camera_path(self.out, sensor_id, moment.name, ".png")).convert("RGB"))
-                images.append(delivered_image(exposure, rgb))
+                confidence = None
+                if "confidence" in self.plan.settings.passes:  # files need not have it
+                    plan = replace(self.plan, drive=drive, captures=self.plan.captures.of_drive(drive))
+                    shot = capture_renderer(plan, self.renderer, None)(exposure.capture)()
+                    confidence = shot.confidence if isinstance(shot, CameraFrame) else None
+                images.append(delivered_image(exposure, rgb, confidence))
             else:
                 with np.load(lidar_path(self.out, sensor_id, moment.name, ".npz")) as file:
                     sweeps.append(delivered_sweep(exposure, file))
@@ -147,9 +161,12 @@ def moment_of(drive: Drive, capture: Capture) -> Moment:
     return Moment.at(drive, capture.time_us, *(([capture.sensor_id], []) if is_camera else ([], [capture.sensor_id])))
 
 
-def delivered_image(exposure: Exposure, rgb: NDArray[np.uint8]) -> CameraImage:
+def delivered_image(
+    exposure: Exposure, rgb: NDArray[np.uint8], confidence: NDArray[np.float32] | None = None
+) -> CameraImage:
     """Return an image as drivers get it."""
-    return CameraImage(exposure.capture.sensor_id, exposure.capture.time_us, exposure.start_us, exposure.end_us, rgb)
+    capture = exposure.capture
+    return CameraImage(capture.sensor_id, capture.time_us, exposure.start_us, exposure.end_us, rgb, confidence)
 
 
 def delivered_sweep(exposure: Exposure, points: SweepPoints) -> LidarSweep:
@@ -176,6 +193,7 @@ class HiddenActors:
     sensors: SensorSource
     hidden: Mapping[str, AbstractSet[str]]
     unsupported: dict[str, float] = field(default_factory=dict)
+    confident: dict[str, float] = field(default_factory=dict)
 
     def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
         """See `SensorSource.render`. Raises `SimulationError` for a sensor or an actor that the drive does not have."""
@@ -194,13 +212,15 @@ class HiddenActors:
                 raise SimulationError(f'hidden actors: there is no actor "{uid}" to hide from {name}')
         images, sweeps = [], []
         unsupported: dict[str, float] = {}
+        confident: dict[str, float] = {}
         for exposure in exposures:
             seen = without_actors(drive, self.hidden.get(exposure.capture.sensor_id, frozenset()))
             delivered = self.sensors.render(seen, [exposure]) if renders else self.sensors.read(seen, [exposure])
             images += delivered[0]
             sweeps += delivered[1]
             unsupported |= self.sensors.unsupported
-        self.unsupported = unsupported
+            confident |= self.sensors.confident
+        self.unsupported, self.confident = unsupported, confident
         return images, sweeps
 
 
