@@ -65,6 +65,13 @@ EVERYTHING: dict[str, Any] = {
         ],
     },
     "boxes": {"bin": {"position": [5, 3, 0.5], "yaw_deg": 30, "size_m": [0.5, 0.5, 1]}},
+    "weather": {
+        "visibility_m": [{"time_s": 0, "value": 1000}, {"time_s": 2, "value": 50.5}],
+        "rain_mm_h": 2.5,
+        "snow_mm_h": [{"time_s": 0, "value": 0}],
+        "seed": 4,
+        "sensors": {"pulse_ns": 6, "divergence_mrad": 1.5, "exposure_s": 0.01, "threshold": 0.2, "overlap_m": 4},
+    },
     "edits": [
         {"type": "remove", "actor": "car-01"},
         {
@@ -305,6 +312,15 @@ def test_paths_are_relative_to_the_file(tmp_path: Path) -> None:
             "s.json: sensors.cameras[2]: has both mount and mount_offset",
         ),
         (("sensors", "lidars", 0, "preset"), "pandar65", "s.json: sensors.lidars[0].preset: 'pandar65' is not one of"),
+        (("weather", "visibility_m"), 1, "s.json: weather.visibility_m: 1 is less than the minimum of 5"),
+        (("weather", "visibility_m"), "fog", "s.json: weather.visibility_m: 'fog' is not of type 'number'"),
+        (("weather", "visibility_m"), [], "s.json: weather.visibility_m: [] should be non-empty"),
+        (
+            ("weather", "visibility_m", 1, "time_s"),
+            0,
+            "s.json: weather.visibility_m[1].time_s: 0 s must lie after the key before, 0 s, by a microsecond",
+        ),
+        (("weather", "hail"), 1, "s.json: weather: Additional properties are not allowed ('hail' was unexpected)"),
         (("outputs", "passes"), ["rgb", "smell"], "s.json: outputs.passes[1]: 'smell' is not one of"),
         (("outputs", "quality"), "best", "s.json: outputs.quality: 'best' is not one of"),
     ],

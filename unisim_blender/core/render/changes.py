@@ -42,8 +42,10 @@ class RenderedState:
     margin: int = 0
 
     def comparable(self, other: RenderedState) -> bool:
-        """Return whether frames of the two differ by actors and static boxes alone."""
-        return self.about == other.about and self.margin == other.margin
+        """Return whether frames of the two differ by actors and static boxes alone, each where they are: in weather the
+        light of the air depends on the whole image."""
+        in_weather = self.state.weather is not None or other.state.weather is not None
+        return self.about == other.about and self.margin == other.margin and not in_weather
 
     def at_the_time_of(self, other: RenderedState) -> bool:
         """Return whether the states have the same window of time."""

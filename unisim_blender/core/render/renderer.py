@@ -5,7 +5,8 @@ Backend.bind                the scene, ready for this state                trace
 hit_by_camera, hit_by_rays  where rays hit meshes                         meshes/
 Tracer.trace                samples, fields, depth order, passes
 Tracer.image, returns       features to pixels, to intensity and returns
-shaded, fill_passes         contact shadows, cells to pixels               contact_shadow.py, passes.py
+shaded, fill_passes         contact shadows, cells to pixels               contact_shadow.py, lattice.py
+_finished, finish           weather                                        weather/
 
 Numpy alone: whatever a backend computes with, the renderer is given it. A renderer knows neither drives nor frames:
 `captures.py` renders the captures of a drive with one.
@@ -32,6 +33,8 @@ from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
 from ..sensors.lidar import BeamMeasurements, lidar_rays, sweep_frame
 from ..sensors.rays import Rays
 from ..sensors.unprojection import has_direction, image_mask, least_pixels_per_rad
+from ..weather import camera as camera_weather
+from ..weather import lidar as lidar_weather
 from ..world.drive import Actor, Camera, Lidar
 from ..world.replay import WorldState
 from .confidence import RecordedDepth, ViewEvidence, probability, recorded_depth
@@ -48,6 +51,8 @@ SHARE_STRIDE = 4
 """Stride through the rows and columns by which the share of confident pixels or beams is estimated."""
 MIN_PREVIEW_WIDTH_PX = 16
 """Smallest width of a preview, in pixels."""
+SKY_WIDTH_PX = 64
+"""Width of the image from which the light of the air is estimated, in pixels."""
 
 
 @dataclass
@@ -73,6 +78,10 @@ class _Exposure:
     """What waits for the whole image, which a GPU has begun."""
     lights: dict[str, FloatArray] = field(default_factory=dict)
     """Brightness of white ground under an actor, by the actor's id."""
+    airlight: FloatArray | None = None
+    """Light (3,) of the air of the weather; None where the image is to be that of clear air."""
+    particles: camera_weather.DrawnParticles | None = None
+    """Drops and flakes in the image, once they are drawn."""
 
     @property
     def needs_rays(self) -> bool:
@@ -247,7 +256,8 @@ class Renderer:
         """Return whether a pixel's colour depends on its own ray alone."""
         tracer = self.tracer(state)
         return (
-            _alone(tracer)
+            state.weather is None
+            and _alone(tracer)
             and not tracer.active.mesh_actors.seen_by(camera).actors
             and not self._shadowing(state, camera)
         )
@@ -271,10 +281,32 @@ class Renderer:
             for actor in displaced(state, recorded)
             if actor.uid in tracer.active.uids
         }
-        requested = self._with_evidence(passes)
-        needed = _needed(requested, bool(shadowing or moved))
+        needed = _needed(self._with_evidence(passes), bool(shadowing or moved))
+        needed |= {"depth"} if state.weather is not None else set()
         undeciding = needed - _needed(set(passes) - {"confidence"}, False)
-        return _Exposure(tracer, state, camera, time_s, passes, needed, undeciding, shadowing, moved)
+        exposure = _Exposure(tracer, state, camera, time_s, passes, needed, undeciding, shadowing, moved)
+        if state.weather is not None:
+            small = camera.resized(min(SKY_WIDTH_PX, camera.model.width))
+            clear = replace(exposure, camera=small, passes=("rgb", "depth"), stats=RenderStats())
+            (tile,) = self._tiles(clear, Region.of_image(small.model))
+            exposure.airlight = camera_weather.airlight(tile.frame, small, time_s)
+        return exposure
+
+    def _finished(self, exposure: _Exposure, frame: CameraFrame, region: Region) -> CameraFrame:
+        """Return the frame of a region in the state's weather, without passes that only the weather needs, and blank
+        where its lens shows nothing."""
+        if exposure.airlight is not None and exposure.state.weather is not None:
+            if exposure.particles is None:
+                drawn = camera_weather.drawn_particles(exposure.camera, exposure.time_s, exposure.state.weather)
+                exposure.particles = drawn
+            rows, columns = slice(region.top, region.bottom), slice(region.left, region.right)
+            frame.rgb = camera_weather.weathered(
+                frame, exposure.state.weather, exposure.airlight, exposure.particles, rows, columns,
+                exposure.camera.model.width,
+            )  # fmt: skip
+            if "depth" not in exposure.passes:
+                frame.depth_m = frame.z_depth_m = None
+        return _blanked(frame, region)
 
     def _shadowing(self, state: WorldState, camera: Camera) -> list[Actor]:
         """Return the actors under which a camera sees contact shadows."""
@@ -315,7 +347,9 @@ class Renderer:
             assert rays is not None
             image, maps = self._seen(exposure, (u, v), rays, up)
             along = rays.directions @ camera.world_from_camera.at(time_s)[:3, 2] if "depth" in maps else None
-        return _blanked(self._frame(exposure, image, maps, rays, along, region.within(cells, up)), region)
+        return self._finished(
+            exposure, self._frame(exposure, image, maps, rays, along, region.within(cells, up)), region
+        )
 
     def _on_lattice(
         self, exposure: _Exposure, region: Region, coarse: Sequence[int], band: int | None
@@ -357,10 +391,18 @@ class Renderer:
         for stride, done in steps:
             values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in sparse.values.items() if name != NEAR_BOXES}
             if stride > 1:
-                few = {name: values[name][::stride, ::stride] for name in ("rgb", "unsupported") if name in values}
+                names = ("rgb", "unsupported", *(("depth",) if exposure.airlight is not None else ()))
+                few = {name: values[name][::stride, ::stride] for name in names if name in values}
                 preview = CameraFrame(
-                    model, camera.world_from_camera.at(time_s), few["rgb"], unsupported=few.get("unsupported")
+                    model,
+                    camera.world_from_camera.at(time_s),
+                    few["rgb"],
+                    few.get("depth"),
+                    unsupported=few.get("unsupported"),
                 )
+                if exposure.airlight is not None and exposure.state.weather is not None:
+                    preview.rgb = camera_weather.weathered(preview, exposure.state.weather, exposure.airlight)
+                    preview.depth_m = None
                 yield Tile(preview, region, (stride, stride), (rows.start, columns.start))
                 continue
             part = region._replace(
@@ -380,7 +422,7 @@ class Renderer:
                 )
             del maps["rgb"]
             frame = self._frame(exposure, values["rgb"][inner], maps, rays, along, (slice(None), slice(None)))
-            yield Tile(_blanked(frame, part), part)
+            yield Tile(self._finished(exposure, frame, part), part)
 
     def _launched(
         self, exposure: _Exposure, cells: tuple[slice, slice], size: int, spread: float
@@ -485,7 +527,8 @@ class Renderer:
         if "confidence" in exposure.passes and "confidence" not in maps:
             assert rays is not None
             maps = {**maps, "confidence": self._confidence(exposure, rays.flat(), maps)}
-        fill_passes(out, {name: x for name, x in maps.items() if name in exposure.passes}, along, shape, up, inner)
+        shown = {*exposure.passes, *(("depth",) if exposure.airlight is not None else ())}
+        fill_passes(out, {name: x for name, x in maps.items() if name in shown}, along, shape, up, inner)
         return out
 
     def _confidence(self, exposure: _Exposure, rays: Rays, maps: Maps) -> Array:
@@ -608,7 +651,10 @@ class Renderer:
                 depth.reshape(shape), intensity.reshape(shape), probability.reshape(shape), instance.reshape(shape)
             )
             stats.seconds = {"trace": time.perf_counter() - begun}
-            return sweep_frame(lidar, time_s, rays, measured, tracer.active.uids, seed, stats)
+            frame = sweep_frame(lidar, time_s, rays, measured, tracer.active.uids, seed, stats)
+            if state.weather is None:
+                return frame
+            return lidar_weather.weathered(frame, lidar, state.weather, time_s)
 
         return finish
 

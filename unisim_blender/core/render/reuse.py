@@ -41,14 +41,14 @@ class FrameReuse:
     _last: dict[str, _LastFrame] = field(default_factory=dict)
 
     def may_reuse(self, sensor: Camera | Lidar, time_s: float) -> bool:
-        """Return whether a sensor stands in a frame's exposure."""
+        """Return whether a sensor stands in a frame's exposure, so that `image` or `sweep` may reuse its last frame."""
         return standing_pose(sensor.trajectory, *exposure_window(sensor, time_s)) is not None
 
     def image(
         self, renderer: Renderer, state: WorldState, camera: Camera, time_s: float, passes: Sequence[str]
     ) -> CameraFrame:
         pose = standing_pose(camera.world_from_camera, *exposure_window(camera, time_s))
-        if pose is None:
+        if pose is None or state.weather is not None:
             self._last.pop(camera.sensor_id, None)
             return renderer.render(state, camera, time_s, passes)
         about = *_about(renderer, camera), pose, tuple(passes), camera.model, camera.full_width
@@ -66,7 +66,7 @@ class FrameReuse:
         self, renderer: Renderer, state: WorldState, lidar: Lidar, time_s: float, seed: Sequence[int] | None
     ) -> LidarFrame:
         pose = standing_pose(lidar.world_from_lidar, *exposure_window(lidar, time_s))
-        if pose is None:
+        if pose is None or state.weather is not None:
             self._last.pop(lidar.sensor_id, None)
             return renderer.render(state, lidar, time_s, seed=seed)
         rendered = RenderedState(state, (*_about(renderer, lidar), pose))

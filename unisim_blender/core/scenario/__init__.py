@@ -29,6 +29,7 @@ from .sensors.select import select_sensors
 from .simulation import check_simulation
 from .times import check_times
 from .types import RECORDED, FrameRange, Scenario, StreetLog
+from .weather import check_weather, weather_of
 
 __all__ = [
     "FORMAT", "VERSION", "apply_scenario", "at_url", "build", "check_scenario", "load_scenario", "plain", "rebased",
@@ -174,6 +175,8 @@ def check_scenario(scenario: Scenario) -> None:
             taken[new] = f"edits[{index}]"
     if scenario.sensors is not None:
         check_sensors(scenario.sensors, f"{path}: sensors")
+    if scenario.weather is not None:
+        check_weather(scenario.weather, f"{path}: weather")
     if scenario.simulation is not None:
         check_simulation(scenario.simulation, f"{path}: simulation")
 
@@ -228,7 +231,8 @@ def apply_scenario(scenario: Scenario, base_drive: Drive, scene_actors: SceneAct
             place = f"{scenario.path}: edits[{index}]"
             drive = edit.apply(drive, place, context)
         place = f"{scenario.path}: sensors"
-        return select_sensors(select_frames(drive, scenario), context)
+        drive = select_sensors(select_frames(drive, scenario), context)
+        return drive if scenario.weather is None else replace(drive, weather=weather_of(scenario.weather))
     except TrajectoryError as fault:
         fail(place, str(fault))
 

@@ -19,6 +19,7 @@ from .motion.placement import BoxSpec
 from .sensors.document import Sensors
 from .simulation import SimulationSpec
 from .time_range import Outside, Times
+from .weather import WeatherSpec
 
 RECORDED = "recorded"
 """The ``scene`` of a scenario that needs no trained scene."""
@@ -96,6 +97,7 @@ class Scenario:
     sensors: Sensors | None = None
     boxes: dict[str, BoxSpec] | None = None
     edits: tuple[Edit, ...] = ()
+    weather: WeatherSpec | None = None
     outputs: Outputs | None = None
     simulation: SimulationSpec | None = None
     path: Path = field(default=Path("scenario.json"), compare=False)
@@ -153,6 +155,7 @@ MEMBERS: dict[str, Schema] = {
         "description": "Boxes of space by id, for the edits of static items.",
     },
     "edits": {"type": "array", "items": ref("edit"), "description": "Applied in order."},
+    "weather": ref("weather"),
     "outputs": ref("outputs"),
     "simulation": ref("simulation"),
 }

@@ -22,6 +22,7 @@ from ..errors import LogError
 from ..geometry import BoolArray, FloatArray, Trajectory
 from ..lenses import PINHOLE, lens_from_dict
 from ..lenses.lens import Lens, LensError
+from .weather import WeatherKeys
 
 EGO = "ego"
 """The ego vehicle, where it is named beside actors. No actor of a log has this identifier."""
@@ -397,6 +398,7 @@ class Drive:
     static_removals: tuple[Box, ...] = ()
     world_origin: FloatArray = field(default_factory=lambda: np.zeros(3))
     """Offset (3,) that was subtracted from the log's own world coordinates, float64."""
+    weather: WeatherKeys | None = None
 
     def __post_init__(self) -> None:
         if shared := sorted(self.cameras.keys() & self.lidars.keys()):

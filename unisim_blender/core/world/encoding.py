@@ -22,6 +22,7 @@ from ..geometry import FloatArray, Trajectory
 from .drive import Actor, Appearance, Box, Camera, CameraModel, Lidar, LidarModel, Readouts, SpinPhase, StaticCopy
 from .drive_json import LIDAR_TABLES
 from .replay import WorldState
+from .weather import Weather
 
 ENCODING_VERSION = 2
 MAGIC = b"UWS"
@@ -48,13 +49,15 @@ def encode_state(state: WorldState) -> str:
         numbers += [*_box(copy.source), copy.world_from_target]
     for box in state.removed_boxes:
         numbers += _box(box)
-    header = {
+    header: dict[str, Any] = {
         "kind": "state",
         "ego_keys": len(state.world_from_ego.times_s),
         "actors": actors,
         "static_copies": [copy.uid for copy in state.static_copies],
         "removed_boxes": len(state.removed_boxes),
     }
+    if state.weather is not None:
+        header["weather"] = state.weather.to_dict()
     return _packed(header, numbers)
 
 
@@ -69,10 +72,11 @@ def decode_state(text: str) -> WorldState:
             StaticCopy(str(uid), numbers.box(), numbers.take(16).reshape(4, 4)) for uid in header["static_copies"]
         )
         removed = tuple(numbers.box() for _ in range(header["removed_boxes"]))
+        weather = Weather.from_dict(header["weather"]) if "weather" in header else None
         numbers.finish()
     except (KeyError, TypeError, ValueError) as fault:
         raise EncodingError(f"a state of the world that was sent cannot be read: {fault}") from fault
-    return WorldState(start_s, end_s, ego, actors, copies, removed)
+    return WorldState(start_s, end_s, ego, actors, copies, removed, weather)
 
 
 def encode_sensor(sensor: Camera | Lidar, start_s: float, end_s: float) -> str:

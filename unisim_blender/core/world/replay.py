@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..geometry import FloatArray, Trajectory, make_pose, slerp
 from .classes import motion_of
 from .drive import Actor, Box, Drive, StaticCopy
+from .weather import Weather
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +26,7 @@ class WorldState:
     ``actors`` are those present at some time of the window, in the order of their ids. Their presence is clipped to the
     window, and their trajectories hold the keys that cover it, as does ``world_from_ego``, the ego vehicle's.
     ``static_copies`` are copied boxes of the static world; inside ``removed_boxes`` the static world is empty
-    above the ground.
+    above the ground. ``weather`` is that of the window's middle; None where it changes nothing.
 
     States are equal if their digests are.
     """
@@ -36,6 +37,7 @@ class WorldState:
     actors: tuple[Actor, ...] = ()
     static_copies: tuple[StaticCopy, ...] = ()
     removed_boxes: tuple[Box, ...] = ()
+    weather: Weather | None = None
 
     @cached_property
     def digest(self) -> str:
@@ -72,6 +74,8 @@ class WorldState:
             yield copy.content()
         for box in self.removed_boxes:
             yield box.content()
+        if self.weather is not None:
+            yield json.dumps(self.weather.to_dict()).encode()
 
 
 MAX_COMPARISONS = 1 << 24
@@ -172,6 +176,7 @@ class DriveStates:
             tuple(actors),
             self.drive.static_copies,
             self._removed,
+            None if self.drive.weather is None else self.drive.weather.at((start_s + end_s) / 2),
         )
 
 

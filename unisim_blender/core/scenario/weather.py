@@ -1,0 +1,98 @@
+"""Weather of a scenario's document: numbers, or keys over time."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Annotated, Union
+
+from ..world.captures import microseconds
+from ..world.weather import KEYED, Receiver, Weather, WeatherKeys
+from .checks import require
+from .json_schema import NUMBER, Schema, SchemaOf, members_of, object_of
+
+MIN_VISIBILITY_M, MAX_VISIBILITY_M = 5.0, 1e6
+
+
+@dataclass(frozen=True)
+class WeatherKey:
+    """A value at a time, seconds from the log's first frame."""
+
+    time_s: float
+    value: float
+
+
+def _keyed(about: str, **limits: float) -> SchemaOf:
+    value = {**NUMBER, **limits}
+    keys = {
+        "type": "array",
+        "minItems": 1,
+        "items": members_of({"time_s": NUMBER, "value": value}, ["time_s", "value"]),
+    }
+    return SchemaOf({"if": {"type": "array"}, "then": keys, "else": value, "description": about})
+
+
+def _number(about: str, least: float, most: float) -> SchemaOf:
+    return SchemaOf({**NUMBER, "minimum": least, "maximum": most, "description": about})
+
+
+Keyed = Union[float, tuple[WeatherKey, ...]]  # noqa: UP007 read at run time
+
+
+@dataclass(frozen=True)
+class ReceiverSpec:
+    """What weather needs to know of the sensors; a missing value is `Receiver`'s."""
+
+    pulse_ns: Annotated[float, _number("Half-power width of a LiDAR's pulse.", 0.1, 100)] | None = None
+    divergence_mrad: Annotated[float, _number("Full angle of a LiDAR's beam.", 0.01, 50)] | None = None
+    threshold: (
+        Annotated[float, _number("Reflectivity that a LiDAR just measures at its largest range.", 1e-6, 1)] | None
+    ) = None
+    overlap_m: (
+        Annotated[float, _number("Distance from which a LiDAR receives all of a beam's light.", 0.01, 100)] | None
+    ) = None
+    exposure_s: Annotated[float, _number("Exposure time of a camera's pixel.", 1e-5, 0.1)] | None = None
+
+
+@dataclass(frozen=True)
+class WeatherSpec:
+    """Weather, in cameras and LiDARs; each value is a number, or a list of keys over time."""
+
+    visibility_m: (
+        Annotated[
+            Keyed,
+            _keyed("Fog: the distance at which contrast is 2 %.", minimum=MIN_VISIBILITY_M, maximum=MAX_VISIBILITY_M),
+        ]
+        | None
+    ) = None
+    rain_mm_h: Annotated[Keyed, _keyed("Rain.", minimum=0, maximum=200)] | None = None
+    snow_mm_h: Annotated[Keyed, _keyed("Snow, as liquid water.", minimum=0, maximum=20)] | None = None
+    seed: Annotated[int, SchemaOf({"type": "integer", "minimum": 0, "maximum": 2**31 - 1})] | None = None
+    sensors: ReceiverSpec | None = None
+
+
+DEFS: dict[str, Schema] = {
+    "weather": object_of(WeatherSpec, "Weather over time, in cameras and LiDARs."),
+    "receiver": object_of(ReceiverSpec),
+}
+
+
+def check_weather(spec: WeatherSpec, place: str) -> None:
+    """Raise `ScenarioError` for keys that are not in order."""
+    for name in KEYED:
+        keys = getattr(spec, name)
+        for index in range(1, len(keys) if isinstance(keys, tuple) else 0):
+            before, now = keys[index - 1].time_s, keys[index].time_s
+            problem = f"{now:g} s must lie after the key before, {before:g} s, by a microsecond"
+            require(microseconds(now) > microseconds(before), f"{place}.{name}[{index}].time_s", problem)
+
+
+def weather_of(spec: WeatherSpec) -> WeatherKeys:
+    """Return the weather that a document states."""
+    stated = {name: value for name in KEYED if (value := getattr(spec, name)) is not None}
+    keys = {
+        name: tuple((key.time_s, key.value) for key in value) if isinstance(value, tuple) else ((0.0, value),)
+        for name, value in stated.items()
+    }
+    sensors = {} if spec.sensors is None else asdict(spec.sensors)
+    receiver = Receiver(**{name: value for name, value in sensors.items() if value is not None})
+    return WeatherKeys(keys, Weather(seed=spec.seed or 0, receiver=receiver))

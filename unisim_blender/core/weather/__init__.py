@@ -1,0 +1,7 @@
+"""Weather in finished frames: fog, rain, snow, wet ground and spray, with the same parameters for cameras and LiDARs.
+
+atmosphere.py    extinction and backscatter of fog, sizes of drops and flakes
+particles.py     drops and flakes, the same ones for every sensor
+camera.py        attenuation and airlight, particles drawn
+lidar.py         attenuated and lost returns, and returns of what is in the air
+"""

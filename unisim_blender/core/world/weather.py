@@ -1,0 +1,86 @@
+"""Weather: its parameters over time, and at one moment. Cameras and LiDARs read the same ones (`core/weather/`)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Receiver:
+    """What cameras and LiDARs lack in their models: ``pulse_ns``, the half-power width of a LiDAR's pulse;
+    ``divergence_mrad``, the full angle of its beams; ``threshold``, the reflectivity of the darkest target that it
+    measures at its largest range in clear air; ``overlap_m``, the distance from which its receiver sees all of a beam's
+    light; ``exposure_s``, how long a camera's pixel is exposed."""
+
+    pulse_ns: float = 10.0
+    divergence_mrad: float = 3.0
+    threshold: float = 0.1
+    overlap_m: float = 8.0
+    exposure_s: float = 0.005
+
+
+@dataclass(frozen=True)
+class Weather:
+    """The weather at one moment: ``visibility_m``, inf without fog; ``rain_mm_h`` and ``snow_mm_h`` of liquid water;
+    ``wetness`` of the ground in 0..1; ``spray``, a factor on the spray behind vehicles; ``seed`` of the particles."""
+
+    visibility_m: float = math.inf
+    rain_mm_h: float = 0.0
+    snow_mm_h: float = 0.0
+    wetness: float = 0.0
+    spray: float = 0.0
+    seed: int = 0
+    receiver: Receiver = Receiver()
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether a frame is what it is without weather."""
+        return math.isinf(self.visibility_m) and not (self.rain_mm_h or self.snow_mm_h or self.wetness)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form; visibility is None without fog."""
+        return {**asdict(self), "visibility_m": None if math.isinf(self.visibility_m) else self.visibility_m}
+
+    @staticmethod
+    def from_dict(values: dict[str, Any]) -> Weather:
+        """Return the weather of `to_dict`. Raises TypeError for other members."""
+        visibility, receiver = values["visibility_m"], Receiver(**values["receiver"])
+        return Weather(
+            **{**values, "visibility_m": math.inf if visibility is None else visibility, "receiver": receiver}
+        )
+
+
+KEYED = ("visibility_m", "rain_mm_h", "snow_mm_h")
+"""Members of `Weather` that change over time."""
+
+
+@dataclass(frozen=True)
+class WeatherKeys:
+    """Weather over time: for each of `KEYED` that is there, keys (time in seconds, value) in order, linear between them
+    and constant beyond; a visibility's reciprocal is linear, as the density of fog is. ``constant`` is all else."""
+
+    keys: Mapping[str, tuple[tuple[float, float], ...]]
+    constant: Weather = field(default_factory=Weather)
+
+    def at(self, time_s: float) -> Weather | None:
+        """Return the weather at a time, seconds; None where it changes nothing."""
+        values: dict[str, Any] = {name: self._value(name, time_s) for name in self.keys}
+        weather = replace(self.constant, **values)
+        return None if weather.is_clear else weather
+
+    def _value(self, name: str, time_s: float) -> float:
+        times, values = np.array(self.keys[name]).T
+        if name != "visibility_m":
+            return float(np.interp(time_s, times, values))
+        density = float(np.interp(time_s, times, 1 / values))
+        return 1 / density if density else math.inf
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form: two are equal exactly where it is."""
+        keys = {name: [list(key) for key in keys] for name, keys in sorted(self.keys.items())}
+        return {"keys": keys, "constant": self.constant.to_dict()}
