@@ -36,6 +36,8 @@ IMAGE_COLUMNS, SWEEP_COLUMNS, SWEEP_ROWS = 240, 720, 64
 """Rays across an image, around a sweep and from its lowest to its highest beam."""
 FAR_M = 1e4
 """Distance of what is infinitely far, metres."""
+BACKGROUND_M = 150.0
+"""Distance, metres, beyond which points are of the background."""
 TOLERANCE_M, TOLERANCE = 0.1, 0.02
 """Largest difference of distances of one surface: metres, and a part of the distance."""
 MAX_ALIKE, MAX_OTHER = 8, 2
@@ -141,10 +143,14 @@ class RecordedDepth:
             distance = np.sqrt(np.einsum("ij,ij->i", local, local))
             tolerance = TOLERANCE_M + TOLERANCE * distance
             near, far = view.nearest.reshape(-1)[cell], view.farthest.reshape(-1)[cell]
-            confirms = inside & (distance >= near - tolerance) & (distance <= far + tolerance)
+            confirms = inside & (distance >= near - tolerance)
+            # in the background distances mean little
+            confirms &= (distance <= far + tolerance) | ((distance > BACKGROUND_M) & (far > BACKGROUND_M))
+            nearer = inside & (distance < near - tolerance)
+            confirms |= nearer & (distance > BACKGROUND_M)
             for part in on_actors:
                 confirms[part.rays] &= view.actor.reshape(-1)[cell[part.rays]] == part.number
-            out.against[inside & (distance < near - tolerance)] += 1
+            out.against[nearer & (distance <= BACKGROUND_M)] += 1
             if (view.model is None) != of_beam:
                 out.other[confirms] += 1
                 continue
@@ -285,8 +291,8 @@ def _around(depth: Array) -> tuple[Array, Array]:
     return np.where(np.isfinite(near), near, np.float32(0)), parts.max(0)
 
 
-CAMERA_WEIGHTS = (2.025, 1.671, 0.395, 0.503, 0.519, 0.188, 0.0, 0.326, 0.587, 0.0, 0.56, 3.121)
-LIDAR_WEIGHTS = (3.577, 0.657, 0.373, 0.195, 0.619, 1.092, 0.0, 0.0, 0.472, 0.404, 0.495, 1.098)
+CAMERA_WEIGHTS = (2.417, 1.706, 0.653, 0.626, 0.531, 0.297, 0.0, 0.389, 0.667, 0.157, 0.692, 3.005)
+LIDAR_WEIGHTS = (3.617, 0.636, 0.342, 0.172, 0.632, 1.033, 0.0, 0.0, 0.443, 0.483, 0.485, 0.863)
 """Weights of `features`, fitted by maximum likelihood on procedural streets; none is below 0, so
 that worse evidence never raises a probability."""
 NEAREST_M, FARTHEST_M = 2.0, 200.0
@@ -310,7 +316,7 @@ def features(evidence: ViewEvidence, depth_m: Array, opacity: Array, instance: N
             -(instance > 0).astype(np.float32),
             -(np.isfinite(depth_m) & (opacity < 0.98)).astype(np.float32),
             -np.log2(reach / NEAREST_M),
-            np.isinf(depth_m).astype(np.float32),
+            (depth_m > BACKGROUND_M).astype(np.float32),
         ], 1,
     )  # fmt: skip
 
