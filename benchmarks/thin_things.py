@@ -6,7 +6,8 @@ python benchmarks/thin_things.py STREET SCENE [--shift 0 --shift 2] [--frames 3,
 
 The street is drawn with its thin things and without. A pixel that they cover by a quarter or more, and change visibly, is
 recalled where the scene's colour is nearer to the street with them. Elsewhere, within five pixels, a pixel is false where the
-scene's colour differs from the street's as a thin thing would.
+scene's colour differs from the street's as a thin thing would. A pixel of the sky is stopped where the scene's depth is less
+than `SKY_M`: a sheet of the sky's colour, which hides wires from beside the path.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from unisim_blender.core.world.drive import Camera
 from unisim_street.street import build_street, load_street
 from unisim_street.truth import exact_image, make_world, thin_share
 
-COVERED, VISIBLE, BESIDE_PX = 0.25, 0.08, 5
+COVERED, VISIBLE, BESIDE_PX, SKY_M = 0.25, 0.08, 5, 80.0
 
 
 def shifted(camera: Camera, metres: float) -> Camera:
@@ -61,17 +62,20 @@ def main(
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     for metres in shifts:
-        covered = recalled = beside = false = 0
+        covered = recalled = beside = false = sky = stopped = 0
         for frame in (int(part) for part in frames.split(",")):
             recorded = street.drive.cameras[name]
             camera = replace(shifted(recorded, metres), model=recorded.model.resized(width))
             time_s = camera.time_s[frame]
             world, without = make_world(street, street.drive), make_world(plain, plain.drive)
-            true, bare = (exact_image(one, camera, time_s).rgb for one in (world, without))
+            exact = exact_image(world, camera, time_s)
+            true, bare = exact.rgb, exact_image(without, camera, time_s).rgb
             share = thin_share(world, street.thin, camera, time_s, samples=2)
             drive = replace(street.drive, cameras={**street.drive.cameras, name: camera})
             states = states_of(renderer, drive)
-            shown = render_image(renderer, states, Capture.of_frame(states.camera(name), frame)).rgb
+            image = render_image(renderer, states, Capture.of_frame(states.camera(name), frame), ("rgb", "depth"))
+            shown, depth_m = image.rgb, image.depth_m
+            assert exact.depth_m is not None and depth_m is not None
             far = np.abs(true - bare).max(-1)
             mask = (share >= COVERED) & (far > VISIBLE)
             nearer = np.abs(shown - true).sum(-1) < np.abs(shown - bare).sum(-1)
@@ -79,13 +83,16 @@ def main(
             covered, recalled = covered + mask.sum(), recalled + (mask & nearer).sum()
             wrong = near & (np.abs(shown - true).max(-1) > np.median(far[mask]) if mask.any() else False)
             beside, false = beside + near.sum(), false + wrong.sum()
+            open_air = ~np.isfinite(exact.depth_m) & (share == 0)
+            sky, stopped = sky + open_air.sum(), stopped + (open_air & (depth_m < SKY_M)).sum()
             if out is not None:
                 marked = np.where(mask[..., None], np.where(nearer[..., None], [0, 1, 0], [1, 0, 0]), true)
-                image = np.concatenate([true, shown, marked], 1)
-                Image.fromarray(np.round(image * 255).astype(np.uint8)).save(out / f"{metres:+.1f}m-{frame:03d}.png")
+                both = np.concatenate([true, shown, marked], 1)
+                Image.fromarray(np.round(both * 255).astype(np.uint8)).save(out / f"{metres:+.1f}m-{frame:03d}.png")
         print(
             f"{metres:+.1f} m: {100 * recalled / max(covered, 1):.1f} % of {covered} pixels recalled, "
-            f"{100 * false / max(beside, 1):.1f} % of {beside} beside them false"
+            f"{100 * false / max(beside, 1):.1f} % of {beside} beside them false, "
+            f"{100 * stopped / max(sky, 1):.1f} % of the sky stopped before {SKY_M:g} m"
         )
 
 

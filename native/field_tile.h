@@ -61,6 +61,15 @@ struct Corners {
     float along[BLOCK];
 };
 
+// Points x (count, 3) as three rows, filled up to whole vectors with the last one.
+inline void rows_of_points(const float *x, int count, float (*rows)[BLOCK]) {
+    const int end = (count + LANES - 1) / LANES * LANES;
+    for (int a = 0; a < 3; ++a) {
+        for (int s = 0; s < count; ++s) rows[a][s] = x[s * 3 + a];
+        for (int s = count; s < end; ++s) rows[a][s] = rows[a][count - 1];
+    }
+}
+
 // x: three rows of coordinates in the unit cube, of `count` points, filled up to whole vectors.
 inline void find_corners(const unisim_grid &g, int level, const float (*x)[BLOCK], int count, Corners &c) {
     // whole vectors: no remainder loop

@@ -54,8 +54,7 @@ extern "C" int UNISIM_NAME(unisim_propose)(const float *origins, const float *di
                                            const float *lower, const float *voxel_m, float step, float decay,
                                            const float *u, int count, float *t, float *mass, int threads) {
     parallel_blocks(n, 64, threads, [&](int64_t begin, int64_t end) {
-        std::vector<float> cdf;
-        std::vector<int32_t> index;
+        std::vector<float> cdf; // of all steps: where a voxel is free it stays as it is
         uint8_t value[BLOCK];
         for (int64_t r = begin; r < end; ++r) {
             const VoxelRay ray{origins + r * 3, directions + r * 3, voxels,    shape,
@@ -63,17 +62,26 @@ extern "C" int UNISIM_NAME(unisim_propose)(const float *origins, const float *di
             const float span = t_far[r] - t_near[r];
             const int64_t steps = span > 0 ? static_cast<int64_t>(std::ceil(span / step)) : 0;
             float total = 0, depth = 0;
-            cdf.clear();
-            index.clear();
+            int64_t last = 0; // occupied step
+            cdf.resize(static_cast<size_t>((steps + BLOCK - 1) / BLOCK * BLOCK));
             for (int64_t first = 0; first < steps; first += BLOCK) {
-                if (!ray.values(first, value)) continue;
-                for (int64_t i = first; i < std::min(steps, first + BLOCK); ++i) {
-                    if (!value[i - first]) continue;
-                    const float p = static_cast<float>(value[i - first]) * (1.0f / 255.0f);
-                    total += p * std::exp(-decay * step * depth);
-                    depth += p;
-                    cdf.push_back(total);
-                    index.push_back(static_cast<int32_t>(i));
+                float p[BLOCK], before[BLOCK], *sums = &cdf[static_cast<size_t>(first)];
+                if (!ray.values(first, value)) {
+                    std::fill(sums, sums + BLOCK, total);
+                    continue;
+                }
+                const int64_t inside = std::min<int64_t>(BLOCK, steps - first);
+                for (int64_t i = 0; i < BLOCK; ++i)
+                    p[i] = i < inside ? static_cast<float>(value[i]) * (1.0f / 255.0f) : 0.0f;
+                for (int64_t i = 0; i < BLOCK; ++i) {
+                    before[i] = depth;
+                    depth += p[i];
+                }
+                for (int64_t i = 0; i < BLOCK; ++i) p[i] *= exp_of(-decay * step * before[i]);
+                for (int64_t i = 0; i < BLOCK; ++i) {
+                    total += p[i];
+                    sums[i] = total;
+                    last = p[i] > 0 ? first + i : last;
                 }
             }
             mass[r] = total;
@@ -82,13 +90,13 @@ extern "C" int UNISIM_NAME(unisim_propose)(const float *origins, const float *di
                 for (int k = 0; k < count; ++k) t[r * count + k] = t_near[r] + ur[k] * std::max(span, 0.0f);
                 continue;
             }
-            size_t j = 0;
+            int64_t j = 0;
             for (int k = 0; k < count; ++k) {
                 const float target = ur[k] * total;
-                while (j + 1 < cdf.size() && cdf[j] <= target) ++j;
+                while (j < last && cdf[j] <= target) ++j;
                 const float before = j ? cdf[j - 1] : 0.0f;
                 const float fraction = std::min(std::max((target - before) / (cdf[j] - before), 0.0f), 1.0f);
-                t[r * count + k] = t_near[r] + (static_cast<float>(index[j]) + fraction) * step;
+                t[r * count + k] = t_near[r] + (static_cast<float>(j) + fraction) * step;
             }
         }
     });

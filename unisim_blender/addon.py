@@ -30,7 +30,7 @@ MODULES = tuple(
 
     features.sidebar features.first_steps features.drive.panel features.actor_list.panel features.actors.panel
     features.motion.panel features.tracks.panel features.edits.panel features.variants.panel features.ego features.sensors.panel
-    features.check features.output.panel features.training features.simulation.panel features.batch.panel
+    features.weather features.check features.output.panel features.training features.simulation.panel features.batch.panel
     panels.statusbar
 
     operators.menus viewport.overlays features.simulation.overlay features.motion.overlay features.motion.gizmos

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from helpers import SAMPLE, assert_alike, drive_of, there_and_back
 
 from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.objects.settings import rendered_keys
+from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.scenario import (
     load_scenario,
     save_scenario,
@@ -19,6 +21,10 @@ from unisim_blender.core.scenario import (
     scenario_to_json,
 )
 from unisim_blender.core.scenario.types import FrameRange
+from unisim_blender.core.scenario.weather import weather_of
+from unisim_blender.core.world.encoding import decode_state
+from unisim_blender.editing.reading.requests import camera_request
+from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.features.drive.export_operators import scenario_of
 
 
@@ -34,6 +40,14 @@ STATED: dict[str, dict[str, Any]] = {
     "listed frames": {"frames": [1, 4, 5]},
     "a range": {"frames": {"start": 2, "stop": 8, "step": 2}},
     "own times": {"sensors": {"cameras": [{"id": "front_camera", "times": {"rate_hz": 15}}]}},
+    "weather": {
+        "weather": {
+            "rain_mm_h": 12.5,
+            "snow_mm_h": [{"time_s": 0.0, "value": 0.0}, {"time_s": 0.4, "value": 2.0}, {"time_s": 1.0, "value": 1.0}],
+            "seed": 7,
+            "sensors": {"exposure_s": 0.01},
+        }
+    },
     "formats": {"description": "A drive", "outputs": {"passes": ["rgb"], "formats": ["png"], "quality": "fine"}},
 }
 
@@ -57,6 +71,37 @@ def test_what_no_object_stands_for_comes_back(scene: Any, tmp_path: Path, name: 
     assert (after.sensors, after.edits, after.description) == (before.sensors, before.edits, before.description)
     if before.outputs is not None:
         assert after.outputs == before.outputs
+    weathers = [None if x.weather is None else weather_of(x.weather) for x in (before, after)]
+    for time_s in (-1.0, 0.0, 0.13, 0.4, 0.77, 3.0):
+        was, now = (None if x is None else x.at(time_s) for x in weathers)
+        assert (was is None) == (before.weather is None) and (now is None) == (was is None)
+        if was is not None and now is not None:
+            assert now.snow_mm_h == pytest.approx(was.snow_mm_h, abs=1e-4)
+            assert replace(now, snow_mm_h=0) == replace(was, snow_mm_h=0)
+
+
+def test_weather_is_animated_as_anything_and_reaches_what_is_rendered(scene: Any, tmp_path: Path) -> None:
+    there_and_back(stating({}, tmp_path), tmp_path)
+    about = scene.unisim_weather
+    about.visibility_m = 400.0
+    scene.keyframe_insert("unisim_weather.visibility_m", frame=2)
+    about.visibility_m = 50.0
+    scene.keyframe_insert("unisim_weather.visibility_m", frame=4)
+    drive = source_of(scene).drive
+    weather = scenario_of(scene, tmp_path / "foggy.json").weather
+    assert weather is not None and weather.rain_mm_h is None
+    keys = weather_of(weather)
+    at = {frame: keys.at(drive.time_s[frame]) for frame in (0, 2, 3, 4, 9)}
+    assert [round(x.visibility_m, 2) for x in at.values() if x is not None][::4] == [400.0, 50.0]
+    assert at[3] is not None and 50 < at[3].visibility_m < 400
+    sampled = sample_all(scene, Clock.of(drive))
+    view = next(obj for obj in sampled.objects if obj.kind == "CAMERA")
+    asked = camera_request(sampled, view, source_of(scene), 6.0, (64, 36))
+    state = decode_state(asked.values["state"])
+    assert state.weather is not None and state.weather.visibility_m == pytest.approx(50.0, rel=1e-3)
+    scene.animation_data_clear()
+    about.visibility_m = 1e5
+    assert scenario_of(scene, tmp_path / "clear.json").weather is None
 
 
 def test_another_frame_range_takes_the_place_of_times(scene: Any, tmp_path: Path) -> None:

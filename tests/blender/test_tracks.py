@@ -16,6 +16,7 @@ from helpers import select
 from unisim_blender.bridge.importing.tracks import put_track, track_of, tracks_in
 from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
+from unisim_blender.bridge.views.points import put_sweep, sweep_of
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import FloatArray, make_pose, quaternion_from_yaw
 from unisim_blender.core.tracks.box_file import Track, default_path, read_boxes
@@ -164,6 +165,37 @@ def test_doubtful_places_are_stepped_through(bare: Any, truth: Drive) -> None:
     assert place["count"] >= 2 and "box" in "".join(place["text"]) + "box"
     at = kinds.index("jump")
     assert abs(truth.time_s[frames[at]] - path.times_s[late][0]) < 0.12
+
+
+def test_a_doubtful_place_that_was_looked_at_is_gone_also_after_saving(bare: Any, truth: Drive) -> None:
+    car = a_car(truth, True)
+    boxes_of(bare, truth, Track(replace(car, uid="one")), Track(replace(car, uid="twin")))
+    assert bpy.ops.unisim.next_doubtful() == {"FINISHED"}
+    shown = json.loads(bare.unisim_tracks.place)
+    assert bpy.ops.unisim.dismiss_doubtful() == {"FINISHED"}
+    now = json.loads(bare.unisim_tracks.place or "null")
+    assert now is None or (now["key"] != shown["key"] and now["count"] == shown["count"] - 1)
+    while bare.unisim_tracks.place:
+        assert bpy.ops.unisim.dismiss_doubtful() == {"FINISHED"}
+    assert bpy.ops.unisim.save_boxes() == {"FINISHED"} and bpy.ops.unisim.edit_boxes() == {"FINISHED"}
+    assert bpy.ops.unisim.next_doubtful() == {"FINISHED"} and not bare.unisim_tracks.place
+    assert bpy.ops.unisim.discard_boxes() == {"FINISHED"}
+
+
+def test_points_are_of_the_frame_that_is_shown_after_undo_and_saving(bare: Any, truth: Drive) -> None:
+    def shown() -> set[int]:
+        return {sweep_of(obj).frame for obj in imported_objects(bpy.context.scene, "POINTS")}
+
+    boxes_of(bare, truth, Track(replace(a_car(truth, False), uid="one")))
+    assert bpy.ops.unisim.show_points(recorded=True) == {"FINISHED"}
+    obj = next(imported_objects(bare, "POINTS"))
+    put_sweep(bare, replace(sweep_of(obj), frame=3))  # as undo brings it
+    for handler in [h for h in bpy.app.handlers.undo_post if h.__module__.endswith("features.points.operators")]:
+        handler(bare)
+    assert shown() == {bare.frame_current}
+    put_sweep(bare, replace(sweep_of(next(imported_objects(bare, "POINTS"))), frame=3))
+    assert bpy.ops.unisim.save_boxes() == {"FINISHED"}
+    assert shown() == {bare.frame_current}
 
 
 def test_a_copy_made_by_blender_is_another_track(bare: Any, truth: Drive) -> None:

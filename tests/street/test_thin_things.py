@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from benchmarks.thin_things import main
 from unisim_blender.core.errors import LogError
 from unisim_street.street import RECIPE_FILE, Recipe, build_street, load_street, recipe_document
 from unisim_street.truth import make_world, thin_share, truth_camera
@@ -33,3 +36,17 @@ def test_thin_things_are_the_pixels_of_their_mask(tmp_path: Path) -> None:
 def test_a_recipe_says_yes_or_no() -> None:
     with pytest.raises(LogError, match="a street's thin is true or false, not 1"):
         Recipe(thin=1)  # type: ignore[arg-type]
+
+
+def test_a_scene_that_never_saw_them_recalls_none_and_lets_the_sky_through(tmp_path: Path) -> None:
+    street = build_street(0, 20, 480, 270, ("front_camera",), thin=True)
+    (tmp_path / RECIPE_FILE).write_text(json.dumps(recipe_document(street.recipe)))
+    scene = str(Path(__file__).parents[2] / "sample" / "scene")
+    asked = [str(tmp_path), scene, "--width", "160", "--frames", "9", "--shift", "0"]
+    done = CliRunner().invoke(main, asked, catch_exceptions=False)
+    said = re.fullmatch(
+        r"\+0\.0 m: ([\d.]+) % of (\d+) pixels recalled, .* ([\d.]+) % of the sky stopped before 80 m\n", done.output
+    )
+    assert said is not None, done.output
+    recalled, pixels, stopped = (float(number) for number in said.groups())
+    assert recalled < 15 and pixels > 50 and stopped < 5

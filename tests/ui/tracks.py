@@ -133,7 +133,7 @@ def tracked(obj: Any) -> Iterator[float]:
     yield from until(lambda: not following.following, "following does not end", 120)
     told = bpy.context.window_manager.unisim_following
     assert not told, told
-    assert next(o for o in boxes() if o.unisim.uid == uid).unisim_track.followed, "nothing came of it"
+    assert next(o for o in boxes() if o.unisim.uid == uid).unisim_track.sweeps, "nothing came of it"
     yield 0.3
 
 
@@ -208,11 +208,16 @@ def moving_car() -> Iterator[float]:
 
 
 def doubtful() -> Iterator[float]:
-    """The next doubtful place."""
+    """The next doubtful place, which is then dismissed."""
+    about = bpy.context.scene.unisim_tracks
     yield from press("unisim.next_doubtful")
     yield 1.5
-    results["place"] = bpy.context.scene.unisim_tracks.place
+    results["place"] = about.place
     screenshot("doubtful")
+    if before := json.loads(about.place or "null"):
+        yield from press("unisim.dismiss_doubtful", columns=(0.93, 0.9, 0.95))
+        yield from until(lambda: json.loads(about.place or "{}").get("key") != before["key"], "it is not dismissed", 5)
+        screenshot("dismissed")
 
 
 def undone() -> Iterator[float]:

@@ -400,6 +400,38 @@ def intersect_boxes(
     return np.minimum(a, b).max(-1), np.maximum(a, b).min(-1)
 
 
+def convex_intersection_area(polygons: FloatArray, clips: FloatArray) -> FloatArray:
+    """Area (P,) that convex polygons (P, K, 2) share with convex ``clips`` (P, E, 2), both counter-clockwise.
+
+    Sutherland and Hodgman, "Reentrant polygon clipping" (1974), all pairs at once.
+    """
+    for edge in range(clips.shape[1]):
+        start = clips[:, edge]
+        polygons = _cut(polygons, start, clips[:, (edge + 1) % clips.shape[1]] - start)
+    x, y = polygons[..., 0], polygons[..., 1]
+    return np.asarray(np.abs((x * np.roll(y, -1, 1) - np.roll(x, -1, 1) * y).sum(1)) / 2)
+
+
+def _cut(polygons: FloatArray, start: FloatArray, along: FloatArray) -> FloatArray:
+    """Clip polygons (P, K, 2) to the left of lines, each a point (P, 2) and a direction (P, 2). Return (P, K + 1, 2),
+    the last vertex repeated."""
+    pairs, vertices = polygons.shape[:2]
+    offset = polygons - start[:, None]
+    side = along[:, None, 0] * offset[..., 1] - along[:, None, 1] * offset[..., 0]
+    ahead, side_ahead = np.roll(polygons, -1, 1), np.roll(side, -1, 1)
+    inside = side >= 0
+    crosses = inside != (side_ahead >= 0)
+    t = side / np.where(crosses, side - side_ahead, 1.0)
+    points = np.stack([polygons, polygons + t[..., None] * (ahead - polygons)], 2).reshape(pairs, 2 * vertices, 2)
+    keep = np.stack([inside, crosses], 2).reshape(pairs, 2 * vertices)
+    order = np.argsort(~keep, 1, kind="stable")[:, : vertices + 1]
+    last = np.maximum(keep.sum(1) - 1, 0)
+    order = np.take_along_axis(order, np.minimum(np.arange(order.shape[1]), last[:, None]), 1)
+    out = np.take_along_axis(points, order[..., None], 1)
+    out[~keep.any(1)] = 0.0
+    return out
+
+
 def first_in_voxels(points: FloatArray, voxel_m: float) -> NDArray[np.int64]:
     """Return indices of points (N, 3), one in each voxel that holds any, in order."""
     cell = np.floor(points / voxel_m).astype(np.int64)

@@ -5,9 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
-import os
 import re
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NoReturn
@@ -109,26 +107,6 @@ def check_finite(value: Any, place: str, error: type[UnisimError]) -> None:
         raise error(f"{place.removesuffix(': ')}: holds a text that is none: {short(value)}")
     elif isinstance(value, int) and abs(value) > MAX_INTEGER:
         raise error(f"{place}: is a whole number beyond 2^53")
-
-
-def write_text(path: Path, text: str, error: type[UnisimError]) -> None:
-    """Write ``text`` so that ``path`` holds either what it held before or all of the new text. Raises ``error``."""
-    path = Path(path)
-    temporary = None
-    try:
-        with tempfile.NamedTemporaryFile(
-            "w", encoding="utf-8", newline="\n", dir=path.parent, prefix=f".{path.name}.", delete=False
-        ) as file:
-            temporary = file.name
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)  # a temporary file is private by default
-        os.replace(temporary, path)
-    except OSError as fault:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
-        raise error(f"{path}: cannot be written: {fault.strerror}") from fault
 
 
 class Node:

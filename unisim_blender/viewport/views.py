@@ -17,6 +17,7 @@ from mathutils import Matrix
 from numpy.typing import NDArray
 
 from ..bridge.objects.imported import source_of
+from ..bridge.objects.weather import weather_values
 from ..bridge.sampling.adjacent_frames import lacking, sample_now, step_soon
 from ..bridge.sampling.stepping import frame_of
 from ..core.errors import UnisimError
@@ -163,6 +164,7 @@ class ViewportImage:
             self.changes,
             scene.unisim.quality,
             scene.unisim.contact_shadows,
+            weather_values(scene),
             options.mode,
             options.unsupported,
             options.confidence,

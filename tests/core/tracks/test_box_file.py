@@ -22,7 +22,15 @@ from unisim_blender.core.errors import LogError, SceneError
 from unisim_blender.core.formats.boxes import with_boxes
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.prepare.scenario import prepare_scenario
-from unisim_blender.core.tracks.box_file import Track, boxes_schema, default_path, read_boxes, write_boxes
+from unisim_blender.core.tracks.box_file import (
+    Track,
+    boxes_schema,
+    default_path,
+    halves,
+    joined,
+    read_boxes,
+    write_boxes,
+)
 from unisim_blender.core.world.drive_json import drive_to_json
 
 
@@ -123,6 +131,28 @@ def test_boxes_without_optional_members(folder: Path) -> None:
         open_log(path)
     path.write_text(json.dumps({"format": "unisim-boxes", "version": 1, "tracks": []}))
     assert not open_log(with_boxes(folder / "bare", path)).drive.actors
+
+
+def test_what_a_person_noted_is_written_split_and_merged(folder: Path) -> None:
+    car = small_drive().actors["car-1"]
+    times = car.world_from_actor.times_s
+    middle = float(times[len(times) // 2])
+    track = Track(
+        car, drawn_s=(float(times[0]), middle), unsure=((float(times[0]), 0.2),), dismissed=(("jump", middle),)
+    )
+    path = folder / "noted.boxes.json"
+    write_boxes(path, open_log(folder / "bare"), (track,), "a person")
+    jsonschema.validate(json.loads(path.read_text()), boxes_schema())
+    (read,) = read_boxes(path).tracks
+    assert (read.drawn_s, read.unsure, read.dismissed) == (track.drawn_s, track.unsure, track.dismissed)
+    first, second = halves(track, middle, "other")
+    assert (first.drawn_s, first.unsure, first.dismissed) == ((float(times[0]),), track.unsure, ())
+    assert (second.drawn_s, second.unsure, second.dismissed) == ((middle,), (), track.dismissed)
+    assert second.actor.uid == "other" and first.actor.end_s < second.actor.start_s == middle
+    whole = joined(first, (second,))
+    assert (whole.drawn_s, whole.unsure, whole.dismissed) == (track.drawn_s, track.unsure, track.dismissed)
+    assert whole.actor.world_from_actor.times_s.tolist() == times.tolist() and whole.actor.uid == "car-1"
+    assert (whole.actor.start_s, whole.actor.end_s) == (car.start_s, car.end_s) and whole.actor.is_moving
 
 
 def test_five_hundred_boxes(folder: Path) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import io
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from PIL import Image
 
 from unisim_blender.core.data.log import Log, Sweep
 from unisim_blender.core.data.moved import on_trajectory
@@ -19,16 +23,17 @@ from unisim_blender.core.tracks import evidence as evidence_module
 from unisim_blender.core.tracks.associate import associate
 from unisim_blender.core.tracks.box_file import Track, default_path, read_boxes
 from unisim_blender.core.tracks.boxes import closest_heading, completed
+from unisim_blender.core.tracks.certainty import moving_features, probability
 from unisim_blender.core.tracks.clusters import Cluster
 from unisim_blender.core.tracks.evidence import evidence_of
 from unisim_blender.core.tracks.find import RISE_M, _heading, find_tracks, in_own_world
 from unisim_blender.core.tracks.free_space import left_or_entered, range_image, windows
 from unisim_blender.core.tracks.ground import GroundBuilder
 from unisim_blender.core.tracks.register import PlanarPath, register, returns_of, rotated, smoothed
-from unisim_blender.core.tracks.report import report
+from unisim_blender.core.tracks.report import report, seen_by
 from unisim_blender.core.tracks.scans import Scan, read_scan, scans_of
-from unisim_blender.core.tracks.shape import class_of
-from unisim_blender.core.tracks.standing import COLUMNS, _pieces, standing_box
+from unisim_blender.core.tracks.shape import class_of, shape_of
+from unisim_blender.core.tracks.standing import COLUMNS, StandingBox, _pieces, around, standing_box
 from unisim_blender.core.world.drive import Drive, Lidar, LidarModel
 
 MODEL = LidarModel(np.radians(np.linspace(8, -20, 40)), np.zeros(40), columns=450, max_range_m=70.0)
@@ -201,18 +206,40 @@ def test_the_command_writes_a_file_of_boxes_and_a_report(tmp_path: Path, monkeyp
 
     log = driven(tmp_path, frames=12)
     monkeypatch.setattr(readers, "open_log", lambda path: log)
-    page = tmp_path / "report.html"
-    result = CliRunner().invoke(command, [str(log.path), "--report", str(page), "--poses", "log", "--quiet"])
+    page, film = tmp_path / "report.html", tmp_path / "film.html"
+    args = [str(log.path), "--report", str(page), "--film", str(film), "--poses", "log", "--quiet"]
+    result = CliRunner().invoke(command, args)
     assert result.exit_code == 0, result.output
     tracks = read_boxes(default_path(log.path)).tracks
     assert {track.source for track in tracks} == {"lidar"} and min(track.certainty for track in tracks) >= 0.3
     assert all(track.actor.uid in page.read_text() for track in tracks)
     assert "moving Car" in result.output
+    assert len(list((tmp_path / "film").iterdir())) == 12 and "000011.jpg" in film.read_text()
 
 
 def test_the_report_stands_alone(searched: tuple[Log, tuple[Track, ...]]) -> None:
-    text = report(*searched)
-    assert "http" not in text and text.count("<polygon") == len(searched[1])
+    log, tracks = searched
+    pictures = []
+    for shown in (tracks, ()):
+        text = report(log, shown)
+        assert "http" not in text
+        (data,) = re.findall(r'<img src="data:image/png;base64,([^"]+)"', text)
+        pictures.append(np.asarray(Image.open(io.BytesIO(base64.b64decode(data)))))
+    boxed, bare = ((picture.max(2) > picture.min(2).astype(int) + 60).sum() for picture in pictures)
+    assert boxed > bare + 100 * len(tracks)  # the boxes are in the picture itself
+
+
+def test_what_one_sensor_alone_saw(searched: tuple[Log, tuple[Track, ...]]) -> None:
+    log, tracks = searched
+    moving, standing = (next(t for t in tracks if t.actor.is_moving == moves) for moves in (True, False))
+    far = standing.actor.world_from_actor.transformed(
+        left=make_pose(np.array([0.0, 300.0, 0.0]), quaternion_from_yaw(0.0))
+    )
+    away = replace(standing, actor=replace(standing.actor, uid="away", world_from_actor=far))
+    lidar = next(iter(log.drive.lidars))
+    seen = seen_by(log, (moving, standing, away))
+    assert lidar in seen[moving.actor.uid] and lidar in seen[standing.actor.uid] and seen["away"] == set()
+    assert "away: none" in report(log, (moving, away))
 
 
 def test_ground_is_below_what_stands(tmp_path: Path) -> None:
@@ -294,10 +321,34 @@ def test_two_that_cross_and_a_gap_stay_two_tracks() -> None:
         assert np.ptp([part.middle[1] for part in chain]) < 0.5
 
 
+def test_two_who_pass_each_other_closely_stay_two() -> None:
+    rng, sweeps = np.random.default_rng(0), []
+    for number in range(30):
+        at = 0.14 * (number - 15)
+        people = [rng.uniform(-0.25, 0.25, (60, 2)) + (side * at, 0.35 * side) for side in (-1, 1)]
+        parts = [np.concatenate(people)] if abs(at) < 0.5 else people
+        sweeps.append([cluster(part, number * 0.1) for part in parts])
+    chains = associate(sweeps)
+    assert len(chains) == 2 and min(len(chain) for chain in chains) > 27
+    assert all(np.ptp([part.middle[1] for part in chain]) < 0.6 for chain in chains)  # they are 0.7 m apart
+
+
 def test_a_track_goes_on_behind_a_long_gap() -> None:
     places = [number * 0.1 for number in range(40) if not 12 <= number < 32]  # longer than a filter coasts
     chains = associate([[cluster(l_shape(0.0, np.array([10 * time_s, 0.0])), time_s)] for time_s in places])
     assert [len(chain) for chain in chains] == [20]
+
+
+def test_a_track_goes_on_where_nothing_sees_through_its_place() -> None:
+    sweeps = []
+    for number in range(20):
+        car = cluster(l_shape(0.0, np.array([0.8 * number, 0.0])), number * 0.1)
+        beside = cluster(l_shape(0.0, np.array([0.8 * number, 6.0])), number * 0.1)
+        is_weak = not 5 <= number < 15
+        sweeps.append([replace(car, is_weak=is_weak), replace(beside, is_weak=True)])
+    (chain,) = associate(sweeps)
+    assert [part.middle_s for part in chain] == pytest.approx([0.1 * number for number in range(20)])
+    assert np.ptp([part.middle[1] for part in chain]) < 0.5
 
 
 def test_registration_takes_back_a_turning_path() -> None:
@@ -330,12 +381,37 @@ def voxels(low: FloatArray, high: FloatArray) -> FloatArray:
     return values
 
 
+def chance(box: StandingBox, stays: FloatArray) -> float:
+    return probability((*box.features, around(box, stays)), "standing")
+
+
 def test_a_wall_is_no_vehicle_and_a_cone_a_doubtful_candidate() -> None:
-    wall = standing_box(voxels(np.array([5, 3, 0.3]), np.array([9.5, 3.2, 2.0])))
-    assert wall is not None and wall.certainty < 0.05
+    low, high = np.array([5, 3, 0.3]), np.array([9.5, 3.2, 2.0])
+    wall, car = standing_box(voxels(low, high)), standing_box(voxels(low, np.array([9.5, 4.8, 1.5])))
+    assert wall is not None and chance(wall, voxels(low, high)) < 0.2
+    assert car is not None and chance(car, voxels(low, np.array([9.5, 4.8, 1.5]))) > 0.7
     cone = standing_box(voxels(np.array([5, 3, 0.3]), np.array([5.3, 3.3, 0.8])))
-    assert cone is not None and cone.label == "Cones" and 0.1 < cone.certainty < 0.3
+    assert cone is not None and cone.label == "Cones" and not cone.features
     assert standing_box(voxels(np.array([5, 3, 0.3]), np.array([15, 6, 2.0]))) is None
+
+
+def test_a_piece_of_a_hedge_is_less_certain_than_the_same_alone() -> None:
+    low, high = np.array([5, 3, 0.3]), np.array([9.5, 4.8, 1.5])
+    box, hedge = standing_box(voxels(low, high)), voxels(low - [2, 0, 0], high + [2, 0, 0])
+    assert box is not None and chance(box, hedge) < chance(box, voxels(low, high)) - 0.05
+
+
+def test_what_moves_where_something_stands_is_less_certain() -> None:
+    times = np.arange(12) * 0.1
+    path = PlanarPath(times, np.stack([3 * times, 0 * times], 1), 0 * times)
+    clusters = [cluster(l_shape(0.0, at), time_s) for at, time_s in zip(path.positions, times, strict=True)]
+    returns = returns_of(clusters, lambda points: np.zeros(len(points)))
+    stands = voxels(np.array([-4, -3, 0.0]), np.array([9, 3, 2.0]))
+
+    def certain(stays: FloatArray) -> float:
+        return probability(moving_features(returns, 1.0, 1.0, stays), "moving")
+
+    assert certain(stands[:0]) > 0.9 > certain(stands) + 0.1
 
 
 def test_a_car_looks_where_its_lower_end_is() -> None:
@@ -362,6 +438,13 @@ def test_what_is_parked_bumper_to_bumper_is_parted() -> None:
 )  # fmt: skip
 def test_classes_by_size_and_speed(size: tuple[float, float, float], speed: float, label: str) -> None:
     assert class_of(*size, speed) == label
+
+
+def test_a_branch_is_no_part_of_who_walks_below_it() -> None:
+    body = np.random.default_rng(0).uniform([-0.25, -0.3, 0.3], [0.25, 0.3, 1.75], (200, 3))
+    branch = np.random.default_rng(1).uniform([-0.2, -0.2, 3.2], [0.2, 0.2, 3.5], (20, 3))
+    shape = shape_of(np.concatenate([body, branch]), np.tile([-10.0, 0.0], (220, 1)), 1.4)
+    assert shape.label == "Pedestrian" and 1.5 < shape.size_m[2] < 2.0
 
 
 def test_a_search_without_scipy_says_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,9 +21,10 @@ from unisim_blender.core.geometry import (
     make_pose,
     quaternion_from_yaw,
 )
+from unisim_blender.core.tracks import follow as follow_module
 from unisim_blender.core.tracks.box_file import Track
 from unisim_blender.core.tracks.doubtful import doubtful_places
-from unisim_blender.core.tracks.follow import DrawnBox, Followed, SweepStore, follow
+from unisim_blender.core.tracks.follow import DrawnBox, SweepStore, follow
 from unisim_blender.core.world.drive import Actor, Appearance
 
 SIZE = np.array([4.5, 1.9, 1.6])
@@ -102,63 +104,86 @@ def disturbed(pose: FloatArray, x: float, y: float, degrees: float) -> FloatArra
     return pose @ make_pose(np.array([x, y, 0.0]), quaternion_from_yaw(math.radians(degrees)))
 
 
-def errors(result: Followed) -> FloatArray:
-    return np.array([off(pose, car_at(time)) for time, pose in zip(result.times_s, result.poses, strict=True)])
+def errors(track: Track) -> FloatArray:
+    path = track.actor.world_from_actor
+    return np.array([off(pose, car_at(time)) for time, pose in zip(path.times_s, path.poses, strict=True)])
+
+
+def box(size: FloatArray = SIZE) -> Track:
+    """A track of nothing but a size."""
+    nowhere = Trajectory.from_poses(np.zeros(1), np.eye(4)[None])
+    return Track(Actor("box", "Car", size, nowhere, -np.inf, np.inf, False, Appearance("box")), source="person")
 
 
 def test_a_moving_car_is_followed_both_ways_from_one_box(store: SweepStore) -> None:
     time_s = passed_s(9)
     shares: list[float] = []
-    result = follow(store, SIZE, "Car", [DrawnBox(time_s, car_at(time_s))], progress=shares.append)
-    assert result.is_moving and result.times_s[0] < 0.05 and result.times_s[-1] > 2.2
+    result = follow(store, box(), [DrawnBox(time_s, car_at(time_s))], progress=shares.append)
+    path = result.actor.world_from_actor
+    assert result.actor.is_moving and path.times_s[0] < 0.05 and path.times_s[-1] > 2.2
     centre, heading = errors(result).T
-    assert np.median(centre) < 0.12 and centre.max() < 0.4 and np.median(heading) < 0.7
-    assert result.certainty.min() > 0.3 and result.certainty.max() == 1.0 and shares[-1] == 1.0
-    assert len(result.trajectory.times_s) >= 22
-    again = follow(store, SIZE, "Car", [DrawnBox(time_s, car_at(time_s))])
-    assert (again.poses == result.poses).all()
+    assert np.median(centre) < 0.15 and centre.max() < 0.4 and np.median(heading) < 0.5
+    assert result.certainty == 1.0 and result.returns > 500 and result.unsure == ()
+    assert shares == sorted(shares) and shares[-1] == 1.0 and len(shares) > 20
+    assert len(path.times_s) >= 22 and result.drawn_s == (time_s,)
+    again = follow(store, box(), [DrawnBox(time_s, car_at(time_s))])
+    assert (again.actor.world_from_actor.poses == path.poses).all()
 
 
 def test_a_box_that_is_off_is_refined(store: SweepStore) -> None:
     time_s = passed_s(9)
     drawn = [DrawnBox(time_s, disturbed(car_at(time_s), 0.15, -0.12, 5.0))]
-    plain, refined = (follow(store, SIZE + [0.3, 0, 0], "Car", drawn, refine=refine) for refine in (False, True))
-    assert np.median(errors(plain)[:, 1]) > 3.0 and off(plain.boxes[0].pose, drawn[0].pose)[0] == 0
+    plain, refined = (follow(store, box(SIZE + [0.3, 0, 0]), drawn, refine) for refine in (False, True))
+    assert np.median(errors(plain)[:, 1]) > 3.0
+    assert off(plain.actor.world_from_actor.at(time_s), drawn[0].pose)[0] < 1e-9
     centre, heading = np.median(errors(refined), 0)
-    assert centre < 0.12 and heading < 1.0 and abs(refined.size_m - SIZE).max() < 0.15
+    assert centre < 0.12 and heading < 1.0 and abs(refined.actor.size_m - SIZE).max() < 0.15
 
 
 def test_a_parked_car_stands(store: SweepStore) -> None:
     drawn = [DrawnBox(0.7, disturbed(PARKED, 0.1, 0.1, -4.0))]
-    result = follow(store, SIZE, "Car", drawn)
-    assert not result.is_moving and len(result.trajectory.times_s) == 1 and len(result.times_s) > 20
-    assert off(result.poses[0], drawn[0].pose)[0] < 1e-9
-    refined = follow(store, SIZE, "Car", drawn, refine=True)
-    centre, heading = off(refined.poses[0], PARKED)
+    result = follow(store, box(), drawn)
+    path = result.actor.world_from_actor
+    assert not result.actor.is_moving and len(path.times_s) == 1 and result.sweeps > 20
+    assert result.actor.start_s < 0.1 and result.actor.end_s > 2.2
+    assert off(path.poses[0], drawn[0].pose)[0] < 1e-9
+    centre, heading = off(follow(store, box(), drawn, refine=True).actor.world_from_actor.poses[0], PARKED)
     assert centre < 0.08 and heading < 1.0
 
 
 def test_a_correction_is_met_and_changes_the_spans_beside_it_alone(store: SweepStore) -> None:
     first, second, third = (DrawnBox(passed_s(n), car_at(passed_s(n))) for n in (3, 11, 19))
-    before = follow(store, SIZE, "Car", [first, third])
+    before = follow(store, box(), [first, third])
     moved = DrawnBox(second.time_s, disturbed(second.pose, 0.0, 0.3, 0.0))
-    after = follow(store, SIZE, "Car", [first, moved, third], before)
-    at = int(np.abs(after.times_s - moved.time_s).argmin())
-    assert off(after.poses[at], moved.pose)[0] < 1e-6
-    outside = (before.times_s < first.time_s - 0.36) | (before.times_s > third.time_s + 0.36)
-    for time, pose in zip(before.times_s[outside], before.poses[outside], strict=True):
-        assert off(after.poses[int(np.abs(after.times_s - time).argmin())], pose)[0] < 0.02
+    after = follow(store, before, [first, moved, third])
+    old, new = before.actor.world_from_actor, after.actor.world_from_actor
+    assert off(new.at(moved.time_s), moved.pose)[0] < 1e-6
+    outside = (old.times_s < first.time_s) | (old.times_s > third.time_s)
+    assert outside.sum() > 4 and np.isin(old.times_s[outside], new.times_s).all()
+    assert np.allclose(new.at(old.times_s[outside]), old.poses[outside], atol=1e-9)
     centre = errors(after)[:, 0]
-    ends = [int(np.abs(after.times_s - box.time_s).argmin()) for box in (first, third)]
+    ends = [int(np.abs(new.times_s - box.time_s).argmin()) for box in (first, third)]
     assert centre[ends].max() < 1e-6 and 0.05 < centre[ends[0] : ends[1]].mean() < 0.4
+
+
+def test_sweeps_that_do_not_fit_into_memory_are_read_again(store: SweepStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = [DrawnBox(0.7, PARKED)]
+    whole = follow(store, box(), drawn)
+    log: Any = Passing()
+    small = SweepStore(log)
+    most = 3 * store.near(0, np.zeros(2), 1e3).nbytes
+    monkeypatch.setattr(follow_module, "STORED_BYTES", most)
+    again = follow(small, box(), drawn)
+    assert (again.returns, again.sweeps, again.actor.end_s) == (whole.returns, whole.sweeps, whole.actor.end_s)
+    assert small._bytes <= most and log.reads > SWEEPS
 
 
 def test_what_is_not_there_is_not_followed(store: SweepStore) -> None:
     nothing = make_pose(np.array([-20.0, -20.0, 0.8]), quaternion_from_yaw(0.0))
-    result = follow(store, SIZE, "Car", [DrawnBox(1.0, nothing)])
-    assert not result.is_moving and len(result.times_s) == 1
+    result = follow(store, box(), [DrawnBox(1.0, nothing)])
+    assert not result.actor.is_moving and result.sweeps == 0
     with pytest.raises(LogError, match="drawn before"):
-        follow(store, SIZE, "Car", [])
+        follow(store, box(), [])
 
 
 def track(uid: str, places: FloatArray, times: FloatArray, yaw: Any = 0.0, size: Any = SIZE) -> Track:
@@ -195,5 +220,8 @@ def test_doubtful_places() -> None:
     assert abs(next(p.time_s for p in by_uid["jump"] if p.kind == "jump") - 0.95) < 0.11
     (overlap,) = (place for place in by_uid["turn"] if place.kind == "overlap")
     assert overlap.other == "twin" and 0.5 < overlap.value <= 1.0
-    low = doubtful_places([track("good", along, times)], times, {"good": (times, np.where(times > 1.55, 0.1, 0.9))})
-    assert [(place.kind, round(place.time_s, 1)) for place in low] == [("uncertain", 1.6)]
+    unsure = replace(track("good", along, times), unsure=((1.6, 0.1),))
+    assert [(place.kind, place.time_s) for place in doubtful_places([unsure], times)] == [("uncertain", 1.6)]
+    seen = replace(tracks[0], dismissed=(("jump", 1.2),))
+    assert "jump" not in {place.kind for place in doubtful_places([seen, *tracks[1:]], times) if place.uid == "jump"}
+    assert doubtful_places([replace(unsure, dismissed=(("jump", 1.6), ("uncertain", 9.0)))], times) != ()

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Iterable
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -38,14 +38,20 @@ def put_track(scene: bpy.types.Scene, track: Track, drive: Drive) -> bpy.types.O
     collection_of(scene, "TRACK").objects.link(obj)
     obj.unisim.kind, obj.unisim.uid = "TRACK", actor.uid
     obj.rotation_mode, obj.show_wire, obj.hide_render = "QUATERNION", True, True
+    set_track(obj, track, drive)
+    return obj
+
+
+def set_track(obj: bpy.types.Object, track: Track, drive: Drive) -> None:
+    """Give a box all that a track is."""
     about = obj.unisim_track
     about.certainty, about.source, about.returns, about.sweeps = (
         track.certainty, track.source, track.returns, track.sweeps,
     )  # fmt: skip
-    drawn = [[time, actor.world_from_actor.at(time).ravel().tolist()] for time in track.drawn_s]
-    about.drawn = json.dumps(drawn) if drawn else ""
-    place_track(obj, actor, drive)
-    return obj
+    about.drawn = json.dumps([[time, track.actor.world_from_actor.at(time).ravel().tolist()] for time in track.drawn_s])
+    about.unsure, about.dismissed = json.dumps(track.unsure), json.dumps(track.dismissed)
+    settle(obj)
+    place_track(obj, track.actor, drive)
 
 
 def place_track(obj: bpy.types.Object, actor: Actor, drive: Drive) -> None:
@@ -79,8 +85,8 @@ def presence(obj: bpy.types.Object) -> tuple[float, float]:
     return -math.inf if start is None else start, math.inf if end is None else end
 
 
-def path_of(obj: bpy.types.Object, clock: Clock) -> Trajectory:
-    """Return the trajectory of a box with its displacement; of one key where it stands."""
+def path_of(obj: bpy.types.Object, clock: Clock, displaced: bool = True) -> Trajectory:
+    """Return the trajectory of a box, with its displacement or without; of one key where it stands."""
     above = trajectory_of(obj)
     keys = None if above is None else keys_of(above)
     if keys is None or len(keys[0]) < 2:
@@ -88,18 +94,20 @@ def path_of(obj: bpy.types.Object, clock: Clock) -> Trajectory:
         time = start if math.isfinite(start) else float(clock.times_s[0])
         return Trajectory.from_poses(np.array([time]), rigid(keyed_poses(obj, [float(clock.frame(np.array(time)))])))
     frames = keys[0].tolist()
-    return Trajectory.from_poses(clock.time_s(keys[0]), keyed_poses(above, frames) @ local_poses(obj, frames))
+    poses = keyed_poses(above, frames)
+    return Trajectory.from_poses(clock.time_s(keys[0]), poses @ local_poses(obj, frames) if displaced else poses)
 
 
-def track_of(obj: bpy.types.Object, clock: Clock) -> Track:
-    """Return the track of a box."""
-    about, path = obj.unisim_track, path_of(obj, clock)
+def track_of(obj: bpy.types.Object, clock: Clock, displaced: bool = True) -> Track:
+    """Return the track of a box, with its displacement or without."""
+    about, path = obj.unisim_track, path_of(obj, clock, displaced)
     start, end = presence(obj)
     uid = obj.unisim.uid
     actor = Actor(uid, about.label, size_now(obj), path, start, end, len(path.times_s) > 1, Appearance(uid))
     drawn = tuple(time for time, _ in drawn_of(obj))
     certainty = min(1.0, max(0.0, round(about.certainty, 6)))
-    return Track(actor, certainty, about.source, about.returns, about.sweeps, drawn)
+    unsure, dismissed = (tuple(map(tuple, json.loads(text or "[]"))) for text in (about.unsure, about.dismissed))
+    return Track(actor, certainty, about.source, about.returns, about.sweeps, drawn, unsure, dismissed)
 
 
 def drawn_of(obj: bpy.types.Object) -> list[tuple[float, list[float]]]:
@@ -128,7 +136,7 @@ def saved_tracks(boxes: Iterable[bpy.types.Object], source: DriveSource) -> list
             track = track_of(obj, clock)
         recorded = source.drive.actors.get(uid)
         if recorded is not None and _same(track.actor, recorded):
-            track = Track(recorded, track.certainty, track.source, track.returns, track.sweeps, track.drawn_s)
+            track = replace(track, actor=recorded)
         tracks[uid] = track
     return list(tracks.values())
 
@@ -182,52 +190,6 @@ def displaced(obj: bpy.types.Object) -> bool:
         np.array(obj.rotation_quaternion) - obj.unisim.rest_rotation,
     )
     return any(float(np.abs(part).max()) > 1e-5 for part in (*moved, np.array(obj.scale) - 1))
-
-
-def joined(first: Track, others: Sequence[Track]) -> Track:
-    """Return one track of several: where they are at a time together, the first one counts, then the surest."""
-    order = [first, *sorted(others, key=lambda track: -track.certainty)]
-    times, poses = list[float](), list[Any]()
-    spans: list[tuple[float, float]] = []
-    for track in order:
-        path, actor = track.actor.world_from_actor, track.actor
-        start, end = max(actor.start_s, -1e9), min(actor.end_s, 1e9)
-        own = path.times_s if actor.is_moving else np.clip(np.array([start, end]), -1e6, 1e6)
-        for time in own.tolist():
-            if not any(low <= time <= high for low, high in spans):
-                times.append(time)
-                poses.append(path.at(time))
-        spans.append((start, end))
-    at = np.argsort(times)
-    stacked = np.array(poses)[at]
-    is_moving = bool(np.linalg.norm(stacked[:, :2, 3] - stacked[0, :2, 3], axis=1).max() > 0.5)
-    path = Trajectory.from_poses(np.array(times)[at], stacked) if is_moving else first.actor.world_from_actor
-    actor, both = first.actor, [track.actor for track in order]
-    start, end = min(one.start_s for one in both), max(one.end_s for one in both)
-    whole = Actor(actor.uid, actor.label, actor.size_m, path, start, end, is_moving, Appearance(actor.uid))
-    drawn = tuple(sorted({time for track in order for time in track.drawn_s}))
-    returns, sweeps = sum(track.returns for track in order), sum(track.sweeps for track in order)
-    return Track(whole, max(track.certainty for track in order), first.source, returns, sweeps, drawn)
-
-
-def halves(track: Track, time_s: float, uid: str) -> tuple[Track, Track]:
-    """Return a track up to a time, and from then on, that one with another id."""
-    actor, parts = track.actor, list[Track]()
-    path = actor.world_from_actor
-    for name, keep, start, end in (
-        (actor.uid, path.times_s < time_s, actor.start_s, time_s - 1e-3),
-        (uid, path.times_s >= time_s, time_s, actor.end_s),
-    ):
-        own = path if not actor.is_moving else _part(path, keep, time_s)
-        part = Actor(name, actor.label, actor.size_m, own, start, end, len(own.times_s) > 1, Appearance(name))
-        drawn = tuple(time for time in track.drawn_s if start <= time <= end)
-        parts.append(Track(part, track.certainty, track.source, track.returns, track.sweeps, drawn))
-    return parts[0], parts[1]
-
-
-def _part(path: Trajectory, keep: Any, time_s: float) -> Trajectory:
-    times = path.times_s[keep] if keep.any() else np.array([time_s])
-    return Trajectory.from_poses(times, path.at(times))
 
 
 def settle(obj: bpy.types.Object) -> None:

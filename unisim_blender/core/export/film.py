@@ -1,5 +1,5 @@
-"""A finished run as one film: cameras, and the LiDARs from above, side by side, with their names and the time; of a rollout
-a frame a step, with the driver's plans.
+"""A finished run, or a log, as one film: cameras, and the LiDARs from above, side by side, with their names and the time; of a
+rollout a frame a step, with the driver's plans, and of a log with the actors' boxes in its images.
 
 It is an MP4 file, or where the package imageio-ffmpeg is missing a page (HTML) that plays the film's frames.
 """
@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from ..data.log import Log
 from ..errors import OutputError
 from ..files import write_file
 from ..formats.rendered import camera_path, lidar_path, read_rendered, sweep_arrays
-from ..geometry import FloatArray, transform_points
+from ..geometry import FloatArray, box_corners, invert_pose, transform_points
 from ..json_file import Node
 from ..output.video import playback, write_video
 from ..scenario import load_scenario
@@ -31,7 +32,7 @@ from ..simulation.states import EgoState, Footprint
 from ..simulation.vehicle.actions import Plan
 from ..simulation.vehicle.parameters import Vehicle, footprint_of
 from ..world.captures import US_PER_SECOND
-from ..world.drive import Drive
+from ..world.drive import Camera, Drive
 
 WIDTH = 1920
 """Width of the film, in pixels."""
@@ -127,6 +128,18 @@ class FilmMoment(NamedTuple):
     step: RolloutStep | None = None
 
 
+@dataclass(frozen=True)
+class FilmSource:
+    """What a film shows: a drive with its actors, its title, the ego ``vehicle``, and functions from a sensor's and a
+    capture's name to a camera's ``image`` and a LiDAR's ``returns`` (N, 3), world frame."""
+
+    drive: Drive
+    title: str
+    vehicle: Vehicle
+    image: Callable[[str, str], Image.Image]
+    returns: Callable[[str, str], FloatArray]
+
+
 def moments_of(folder: Path, times: Node) -> list[FilmMoment]:
     """Return the steps of a finished rollout that name their captures, else the moments of the manifest's ``times``, in order."""
     steps = [
@@ -165,8 +178,78 @@ def write_film(
         raise OutputError(f"{folder}: holds no images or sweeps for a film")
     path = out or folder / ("film.mp4" if find_spec("imageio_ffmpeg") else "film.html")
 
+    def image(name: str, capture: str) -> Image.Image:
+        return _opened(camera_path(folder, name, capture, ".png"))
+
+    def returns(name: str, capture: str) -> FloatArray:
+        arrays = sweep_arrays(lidar_path(folder, name, capture, ".npz"))
+        return transform_points(
+            arrays["world_from_lidar"], np.stack([arrays[axis] for axis in "xyz"], -1).astype(float)
+        )
+
+    title, vehicle = drive.name, Vehicle()
+    if moments[0].step is not None:
+        scenario = load_scenario(folder / SCENARIO_NAME)
+        title = scenario.description or title
+        vehicle = Vehicle.from_dict((scenario.simulation.vehicle if scenario.simulation else None) or {})
+    source = FilmSource(drive, title, vehicle, image, returns)
+    _write(source, moments, shown, path, on_frame, recorded)
+    return path
+
+
+def write_log_film(
+    log: Log, drive: Drive, out: Path, on_frame: Callable[[int, int], object] = lambda done, total: None
+) -> None:
+    """Write the film of a log: its recorded images with the boxes of a drive's actors, and its sweeps from above. Raises
+    `UnisimError`."""
+    cameras, lidars = list(drive.cameras), list(drive.lidars)
+    frames = {f"camera/{name}": set(log.image_frames(name)) for name in cameras}
+    frames |= {f"lidar/{name}": set(log.sweep_frames(name)) for name in lidars}
+    moments = [
+        FilmMoment(float(drive.time_s[frame]), {name: str(frame) for name, there in frames.items() if frame in there})
+        for frame in drive.frames
+    ]
+    if not (moments := [moment for moment in moments if moment.captures]):
+        raise OutputError(f"{log.path}: holds no images or sweeps for a film")
+
+    def image(name: str, capture: str) -> Image.Image:
+        picture = Image.fromarray(log.image(name, int(capture)))
+        _draw_boxes(picture, drive, drive.cameras[name], drive.cameras[name].time_s[int(capture)])
+        return picture
+
+    source = FilmSource(drive, drive.name, Vehicle(), image, lambda name, capture: log.sweep(name, int(capture)).points)
+    _write(source, moments, [name for name in frames if frames[name]], out, on_frame, None)
+
+
+EDGES = [(a, a | bit) for a in range(8) for bit in (1, 2, 4) if not a & bit]
+"""Pairs of a box's corners."""
+EDGE_STEPS = 12
+"""Pieces of an edge, which a lens may bend."""
+
+
+def _draw_boxes(picture: Image.Image, drive: Drive, camera: Camera, time_s: float) -> None:
+    """Draw the boxes of the actors that are present into a camera's image."""
+    pen, scale = ImageDraw.Draw(picture), picture.width / camera.model.width
+    camera_from_world = invert_pose(camera.world_from_camera.at(time_s))
+    part = np.linspace(0, 1, EDGE_STEPS + 1)[:, None]
+    for actor in drive.labelled_actors:
+        if not actor.present(time_s):
+            continue
+        corners = transform_points(camera_from_world, box_corners(actor.world_from_actor.at(time_s), actor.size_m))
+        for a, b in EDGES:
+            u, v, valid = camera.model.project(corners[a] * (1 - part) + corners[b] * part)
+            at = np.stack([u, v], -1) * scale
+            for n in np.flatnonzero(valid[1:] & valid[:-1]):
+                if ((at[n : n + 2] > -picture.width) & (at[n : n + 2] < 2 * picture.width)).all():
+                    pen.line([tuple(at[n]), tuple(at[n + 1])], fill=EGO_BOX, width=2)
+
+
+def _write(
+    source: FilmSource, moments: Sequence[FilmMoment], shown: Sequence[str], path: Path,
+    on_frame: Callable[[int, int], object], recorded: FloatArray | None,
+) -> None:  # fmt: skip
     def frames() -> Iterator[NDArray[np.uint8]]:
-        for done, frame in enumerate(film_frames(folder, drive, moments, shown, recorded), 1):
+        for done, frame in enumerate(film_frames(source, moments, shown, recorded), 1):
             yield frame
             on_frame(done, len(moments))
 
@@ -176,19 +259,14 @@ def write_film(
         _write_page(frames(), path, times)
     else:
         write_video((frame for frame, count in zip(frames(), counts, strict=True) for _ in range(count)), path, rate)
-    return path
 
 
 def film_frames(
-    folder: Path, drive: Drive, moments: Sequence[FilmMoment], shown: Sequence[str], recorded: FloatArray | None = None
+    source: FilmSource, moments: Sequence[FilmMoment], shown: Sequence[str], recorded: FloatArray | None = None
 ) -> Iterator[NDArray[np.uint8]]:
     """Yield a frame (H, W, 3) for each moment: the newest image of each camera of ``shown``, and the newest returns of
     all its LiDARs from above with the actors' boxes, the plan and a path. Raises `UnisimError`."""
-    title, vehicle = drive.name, Vehicle()
-    if moments[0].step is not None:
-        scenario = load_scenario(folder / SCENARIO_NAME)
-        title = scenario.description or title
-        vehicle = Vehicle.from_dict((scenario.simulation.vehicle if scenario.simulation else None) or {})
+    drive = source.drive
     path = (drive.world_from_ego.positions if recorded is None else recorded)[:, :2]
     cameras, lidars = (
         [sensor.removeprefix(kind) for sensor in shown if sensor.startswith(kind)] for kind in ("camera/", "lidar/")
@@ -209,14 +287,12 @@ def film_frames(
         for number, name in enumerate(cameras):
             x, y = number % columns * wide, number // columns * high
             if f"camera/{name}" in captures:
-                small = _scaled(camera_path(folder, name, captures[f"camera/{name}"], ".png"), wide, high)
+                small = _scaled(source.image(name, captures[f"camera/{name}"]), wide, high)
                 canvas.paste(small, (x + (wide - small.width) // 2, y + (high - small.height) // 2))
             say(x, y, name)
         for name in lidars:
             if f"lidar/{name}" in captures:
-                arrays = sweep_arrays(lidar_path(folder, name, captures[f"lidar/{name}"], ".npz"))
-                points = np.stack([arrays[axis] for axis in "xyz"], -1).astype(np.float64)
-                returns[name] = transform_points(arrays["world_from_lidar"], points)
+                returns[name] = source.returns(name, captures[f"lidar/{name}"])
         state = step.ego if step else _ego_state(drive, time_s)
         if lidars:
             points = np.concatenate([np.zeros((0, 3)), *returns.values()])
@@ -224,27 +300,31 @@ def film_frames(
                 points -= (0.0, 0.0, np.percentile(points[:, 2], GROUND_PERCENTILE))
             action = step.action if step else None
             plan = np.stack([action.x_m, action.y_m], -1) if isinstance(action, Plan) else None
-            ego, boxes = footprint_of(state, vehicle), _boxes(drive, time_s)
+            ego, boxes = footprint_of(state, source.vehicle), _boxes(drive, time_s)
             picture = Overhead(state, above).draw(points, boxes, ego, plan, path)
             canvas.paste(Image.fromarray(picture), (columns * wide, 0))
             say(columns * wide, 0, ", ".join(lidars))
         pen.rectangle((0, rows * high, canvas.width, canvas.height), BACKGROUND)
-        words = [title, f"{time_s:.2f} s", f"{3.6 * state.speed_m_s:.0f} km/h"]
+        words = [source.title, f"{time_s:.2f} s", f"{3.6 * state.speed_m_s:.0f} km/h"]
         if step and step.unsupported:
             words.append(f"{100 * float(np.mean(list(step.unsupported.values()))):.0f} % unsupported")
         say(0, rows * high, "    ".join(words))
         yield np.array(canvas)
 
 
-def _scaled(path: Path, wide: int, high: int) -> Image.Image:
-    """Return an image as large as it fits."""
+def _opened(path: Path) -> Image.Image:
     try:
         with Image.open(path) as image:
-            scale = min(wide / image.width, high / image.height)
-            size = max(1, round(image.width * scale)), max(1, round(image.height * scale))
-            return image.convert("RGB").resize(size, Image.Resampling.BILINEAR, reducing_gap=2.0)
+            return image.convert("RGB")
     except OSError as fault:
         raise OutputError(f"{path}: is missing or no image; a film is made of png files") from fault
+
+
+def _scaled(image: Image.Image, wide: int, high: int) -> Image.Image:
+    """Return an image as large as it fits."""
+    scale = min(wide / image.width, high / image.height)
+    size = max(1, round(image.width * scale)), max(1, round(image.height * scale))
+    return image.resize(size, Image.Resampling.BILINEAR, reducing_gap=2.0)
 
 
 def _ego_state(drive: Drive, time_s: float) -> EgoState:

@@ -23,9 +23,9 @@ from ..data.exposures import Exposures
 from ..data.fingerprint import Fingerprint
 from ..data.own_vehicle import check_outlines
 from ..errors import SceneError, short
-from ..files import file_stamp, sha256_of_file
+from ..files import file_stamp, sha256_of_file, write_file
 from ..geometry import FloatArray
-from ..json_file import Node, parse_json, read_bytes, write_text
+from ..json_file import Node, parse_json, read_bytes
 from ..world.drive import Box, Drive
 from ..world.drive_json import drive_to_json, read_drive
 from ..world.replay import parked_boxes
@@ -173,7 +173,7 @@ def write_scene_header(path: Path, header: SceneHeader) -> None:
             lines.append(f" {json.dumps(key)}: {json.dumps(value, allow_nan=False)}")
         except (TypeError, ValueError) as fault:
             raise SceneError(f"{file}: {key} cannot be written as JSON: {fault}") from fault
-    write_text(file, "{\n" + ",\n".join(lines) + "\n}\n", SceneError)
+    write_file(file, "{\n" + ",\n".join(lines) + "\n}\n", SceneError)
 
 
 DTYPES = {

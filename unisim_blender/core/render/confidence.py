@@ -211,11 +211,13 @@ def trace_recorded(backend: Backend, header: SceneHeader) -> Iterator[float | Re
     """Trace the images and sweeps that a scene was trained on: yield the fractions of work done, and last the result, which is
     cached among the user's files."""
     shots = list(_shots(header))
-    file = cache_file(header, "depth", VIEWS_PER_SENSOR, IMAGE_COLUMNS, SWEEP_COLUMNS, SWEEP_ROWS)
+    file = None
+    with suppress(OSError):  # a scene that is not on disk has no cache
+        file = cache_file(header, "depth", VIEWS_PER_SENSOR, IMAGE_COLUMNS, SWEEP_COLUMNS, SWEEP_ROWS)
     states, views = DriveStates(header.drive, backend.parked), []
     stored: dict[str, NDArray[Any]] = {}
     with suppress(OutputError):
-        stored = read_arrays(file, OutputError)
+        stored = {} if file is None else read_arrays(file, OutputError)
     for number, (sensor, time_s) in enumerate(shots):
         yield number / len(shots)
         view, rays = _empty_view(sensor, time_s, header.training.get("width"))
@@ -234,7 +236,7 @@ def trace_recorded(backend: Backend, header: SceneHeader) -> Iterator[float | Re
             table = np.array([0, *(rows.get(uid, 0) for uid in tracer.active.uids)], np.int16)
             depth, actor = depth.reshape(shape), table[traced.maps["instance"]].reshape(shape)
             stored |= {f"depth{number}": depth, f"actor{number}": actor}
-            if number == len(shots) - 1:
+            if file is not None and number == len(shots) - 1:
                 store_in_cache(file, stored)
         near, far = _around(depth)
         views.append(replace(view, nearest=near, farthest=far, actor=np.asarray(actor, np.int16)))

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import OutputError, ScenarioError
+from ..files import write_file
 from ..geometry import FloatArray, quaternion_from_matrix
-from ..json_file import read_json, write_text
+from ..json_file import read_json
 from ..scenario import build, plain
 from ..scenario.json_schema import Schema, members_of
 from ..scenario.motion.placement import Placement, check_rotation
@@ -124,7 +125,7 @@ def write_rig(rig: Rig, path: Path) -> None:
         "cameras": [plain(_camera_spec(camera)) for camera in rig.cameras],
         "lidars": [plain(_lidar_spec(lidar)) for lidar in rig.lidars],
     }
-    write_text(path, json.dumps(document, indent=1, ensure_ascii=False) + "\n", OutputError)
+    write_file(path, json.dumps(document, indent=1, ensure_ascii=False) + "\n", OutputError)
 
 
 def built_in_rigs() -> list[Path]:

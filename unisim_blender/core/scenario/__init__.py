@@ -13,8 +13,9 @@ from types import UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from ..errors import ScenarioError
+from ..files import write_file
 from ..geometry import TrajectoryError
-from ..json_file import check_finite, read_json, write_text
+from ..json_file import check_finite, read_json
 from ..remote.requests import beside, is_url
 from ..sensors.frames import FORMER_PASSES
 from ..world.drive import Drive
@@ -48,7 +49,7 @@ def save_scenario(scenario: Scenario, path: Path) -> None:
     document = scenario_to_json(scenario)
     check_finite(document, f"{path}: ", ScenarioError)
     check_scenario(scenario)
-    write_text(Path(path), json.dumps(document, indent=2, ensure_ascii=False) + "\n", ScenarioError)
+    write_file(Path(path), json.dumps(document, indent=2, ensure_ascii=False) + "\n", ScenarioError)
 
 
 def scenario_from_json(document: Any, path: Path = Path("scenario.json")) -> Scenario:

@@ -59,10 +59,10 @@ class CameraFrame:
     instance: NDArray[np.int32] | None = None
     opacity: NDArray[np.float32] | None = None
     unsupported: NDArray[np.bool_] | None = None
-    confidence: NDArray[np.float32] | None = None
     instances: tuple[str, ...] = ()
     stats: RenderStats = field(default_factory=RenderStats)
     error_bound: ErrorBoundResult | None = None
+    confidence: NDArray[np.float32] | None = None
 
     def blank(self, shown: BoolArray) -> None:
         """Make the frame black and empty where ``shown`` (H, W) is False; colours in place of the array that is

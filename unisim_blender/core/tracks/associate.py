@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..geometry import FloatArray
-from .clusters import Cluster, merged
+from .clusters import LEAST_RETURNS, Cluster, merged
 
 FIRST_SPEED = 9.0
 """Standard deviation of the speed of what appears, m/s."""
@@ -24,7 +24,13 @@ FEWEST = 4
 STITCH_S, STITCH_M, STITCH_GROWTH, STITCH_SPEED = 4.0, 1.5, 1.0, 4.0
 """Two tracks are one across this gap, where they lie this near and this much more for each second of it, and their
 velocities differ by no more."""
+NARROW_M, AROUND_M = 1.5, 0.2
+"""What is smaller is a person's; another's returns begin this much beyond it."""
 ENDS = 6
+SLACK_M = 0.7
+"""What is one thing's is no longer than its longest cluster and this."""
+BESIDE_M = 1.2
+"""A track goes on with a cluster this near to where its velocity carries it."""
 
 
 @dataclass
@@ -69,7 +75,10 @@ def associate(sweeps: Iterable[Sequence[Cluster]]) -> list[list[Cluster]]:
 
     active: list[Chain] = []
     finished: list[Chain] = []
-    for clusters in sweeps:
+    weak: list[Cluster] = []
+    for every in sweeps:
+        weak += [cluster for cluster in every if cluster.is_weak]
+        clusters = [cluster for cluster in every if not cluster.is_weak]
         if not clusters:
             continue
         middle_s = float(np.mean([cluster.middle_s for cluster in clusters]))
@@ -77,7 +86,7 @@ def associate(sweeps: Iterable[Sequence[Cluster]]) -> list[list[Cluster]]:
         active = [chain for chain in active if middle_s - chain.clusters[-1].middle_s <= COAST_S]
         for chain in active:
             chain.predict(middle_s)
-        groups = _joined(active, clusters)
+        groups = _joined(active, _parted(active, clusters))
         taken = set()
         if active:
             cost = np.array([[_cost(chain, group) for group in groups] for chain in active])
@@ -88,7 +97,23 @@ def associate(sweeps: Iterable[Sequence[Cluster]]) -> list[list[Cluster]]:
                     taken.add(column)
         active += [_begin(group) for number, group in enumerate(groups) if number not in taken]
     chains = [chain.clusters for chain in (*finished, *active) if len(chain.clusters) >= FEWEST]
-    return _stitched(sorted(chains, key=lambda clusters: clusters[0].middle_s))
+    chains = _stitched(sorted(chains, key=lambda clusters: clusters[0].middle_s))
+    return [_prolonged(_prolonged(chain, weak, 1), weak, -1) for chain in chains]
+
+
+def _prolonged(chain: list[Cluster], weak: Sequence[Cluster], side: int) -> list[Cluster]:
+    """Return clusters of one thing with the ``weak`` ones where it goes on after (``side`` 1) or before (-1) them."""
+    weak = sorted(weak, key=lambda cluster: side * cluster.middle_s)
+    size = max(float(np.linalg.norm(np.ptp(cluster.points[:, :2], 0))) for cluster in chain)
+    for cluster in weak:
+        later_s = side * (cluster.middle_s - chain[-1 if side > 0 else 0].middle_s)
+        if not 0.02 < later_s < COAST_S:
+            continue
+        time_s, at, velocity = _line(chain[-ENDS:] if side > 0 else chain[:ENDS])
+        away = np.linalg.norm(cluster.middle - at - velocity * (cluster.middle_s - time_s))
+        if away < BESIDE_M and np.linalg.norm(np.ptp(cluster.points[:, :2], 0)) < size + SLACK_M:
+            chain = [*chain, cluster] if side > 0 else [cluster, *chain]
+    return chain
 
 
 def _cost(chain: Chain, cluster: Cluster) -> float:
@@ -101,6 +126,23 @@ def _cost(chain: Chain, cluster: Cluster) -> float:
     return distance + SIZE_WEIGHT * abs(np.log((size + 0.5) / (chain.size_m + 0.5)))
 
 
+def _parted(chains: Sequence[Chain], clusters: Sequence[Cluster]) -> list[Cluster]:
+    """Return the clusters, and apart from their surroundings those in which somebody is whose track is known well."""
+    parts = list(clusters)
+    for chain in chains:
+        if len(chain.clusters) < FEWEST or chain.size_m >= NARROW_M:
+            continue
+        for number, cluster in enumerate(parts):
+            own = np.linalg.norm(cluster.points[:, :2] - chain.state[:2], axis=1) < (chain.size_m + AROUND_M) / 2
+            size = float(np.linalg.norm(np.ptp(cluster.points[:, :2], 0)))
+            if own.sum() >= LEAST_RETURNS and (~own).sum() >= LEAST_RETURNS and size > chain.size_m + SLACK_M:
+                parts[number : number + 1] = [
+                    replace(cluster, points=cluster.points[some], time_s=cluster.time_s[some]) for some in (own, ~own)
+                ]
+                break
+    return parts
+
+
 def _joined(chains: Sequence[Chain], clusters: Sequence[Cluster]) -> list[Cluster]:
     """Return the clusters, with those joined that lie in the place of one track that is known well."""
     groups = [[number] for number in range(len(clusters))]
@@ -108,13 +150,13 @@ def _joined(chains: Sequence[Chain], clusters: Sequence[Cluster]) -> list[Cluste
     free = set(range(len(clusters)))
     joined = []
     for chain in chains:
-        if len(chain.clusters) < FEWEST or chain.size_m < 1.5:
+        if len(chain.clusters) < FEWEST or chain.size_m < NARROW_M:
             continue
         near = np.linalg.norm(middles - chain.state[:2], axis=1) < chain.size_m / 2
         inside = [number for number in np.flatnonzero(near).tolist() if number in free]
         if len(inside) > 1:
             whole = merged([clusters[number] for number in inside])
-            if np.linalg.norm(np.ptp(whole.points[:, :2], 0)) < chain.size_m + 0.7:
+            if np.linalg.norm(np.ptp(whole.points[:, :2], 0)) < chain.size_m + SLACK_M:
                 joined.append(whole)
                 free -= set(inside)
     return joined + [merged([clusters[number] for number in group]) for group in groups if group[0] in free]

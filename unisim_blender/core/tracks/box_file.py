@@ -42,7 +42,8 @@ _IS_BOXES = re.compile(rb'\A\s*{\s*"format"\s*:\s*"' + FORMAT.encode() + rb'"')
 class Track:
     """An actor and where it comes from. ``certainty``: 0..1, that there is such an actor; ``source``: what saw it, as
     "lidar"; ``returns``: of sweeps inside its box, 0 where they are not counted, over ``sweeps``; ``drawn_s``: the times
-    of its keys, seconds, that a person set."""
+    of its keys, seconds, that a person set; ``unsure``: times and certainty where following it was doubtful;
+    ``dismissed``: kinds and times of doubtful places that a person looked at."""
 
     actor: Actor
     certainty: float = 1.0
@@ -50,6 +51,68 @@ class Track:
     returns: int = 0
     sweeps: int = 0
     drawn_s: tuple[float, ...] = ()
+    unsure: tuple[tuple[float, float], ...] = ()
+    dismissed: tuple[tuple[str, float], ...] = ()
+
+
+NOTED = {"drawn_s": 0, "unsure": 0, "dismissed": 1}
+"""What is noted at times of a track, and where in it the time stands."""
+MOVED_M = 0.5
+"""A track of several moves where it gets further from its first place."""
+
+
+def joined(first: Track, others: Sequence[Track]) -> Track:
+    """Return one track of several: where they are at a time together, the first one counts, then the surest."""
+    order = [first, *sorted(others, key=lambda track: -track.certainty)]
+    keys: dict[float, FloatArray] = {}
+    spans: list[tuple[float, float]] = []
+    for track in order:
+        actor, path = track.actor, track.actor.world_from_actor
+        ends = np.nan_to_num([actor.start_s, actor.end_s], posinf=1e6, neginf=-1e6).tolist()
+        for time in path.times_list if actor.is_moving else ends:
+            if not any(low <= time <= high for low, high in spans):
+                keys[time] = path.at(time)
+        spans.append((ends[0], ends[1]))
+    times, actors = sorted(keys), [track.actor for track in order]
+    path = Trajectory.from_poses(np.array(times), np.array([keys[time] for time in times]))
+    is_moving = bool(np.linalg.norm(path.positions[:, :2] - path.positions[0, :2], axis=1).max() > MOVED_M)
+    actor = replace(
+        first.actor,
+        world_from_actor=path if is_moving else first.actor.world_from_actor,
+        start_s=min(one.start_s for one in actors),
+        end_s=max(one.end_s for one in actors),
+        is_moving=is_moving,
+    )
+    noted: dict[str, Any] = {name: tuple(sorted({at for t in order for at in getattr(t, name)})) for name in NOTED}
+    counts = {name: sum(getattr(track, name) for track in order) for name in ("returns", "sweeps")}
+    return replace(first, actor=actor, certainty=max(track.certainty for track in order), **counts, **noted)
+
+
+def halves(track: Track, time_s: float, uid: str) -> tuple[Track, Track]:
+    """Return a track up to a time, and from then on, that one with another id."""
+    actor, path = track.actor, track.actor.world_from_actor
+    parts = []
+    for name, late, start, end in ((actor.uid, False, actor.start_s, time_s - 1e-3), (uid, True, time_s, actor.end_s)):
+        own = path
+        if actor.is_moving:
+            times = path.times_s[(path.times_s >= time_s) == late]
+            own = path if not len(times) else Trajectory.from_poses(times, path.at(times))
+        is_moving = len(own.times_s) > 1
+        part = replace(
+            actor,
+            uid=name,
+            world_from_actor=own,
+            start_s=start,
+            end_s=end,
+            is_moving=is_moving,
+            appearance=Appearance(name),
+        )
+        noted: dict[str, Any] = {
+            key: tuple(at for at in getattr(track, key) if start <= (at if key == "drawn_s" else at[place]) <= end)
+            for key, place in NOTED.items()
+        }
+        parts.append(replace(track, actor=part, **noted))
+    return parts[0], parts[1]
 
 
 @dataclass(frozen=True)
@@ -112,6 +175,12 @@ def boxes_schema() -> dict[str, Any]:
             "returns": _COUNT,
             "sweeps": _COUNT,
             "drawn_s": {"type": "array", "items": NUMBER, "description": "Times of keys that a person set."},
+            "unsure": {"type": "array", "items": numbers(2), "description": "Times, and how certain the box is there."},
+            "dismissed": {
+                "type": "array",
+                "items": members_of({"kind": TEXT, "time_s": NUMBER}, ("kind", "time_s")),
+                "description": "Doubtful places that a person looked at.",
+            },
         },
         ("id", "class", "size_m", "times_s", "positions", "quaternions_wxyz"),
     )
@@ -141,7 +210,7 @@ def write_boxes(path: Path, log: Log, tracks: Sequence[Track], source: str) -> N
     keys = spread_indices(len(ego.times_s), COMPARED_KEYS)
     recorded, compared = extras_of(log).recorded or log.path, (ego.times_s[keys], ego.positions[keys])
     text = text_of(BoxFile(path, tuple(tracks), source, recorded, log.drive.world_origin, compared))
-    write_file(path, text.encode())
+    write_file(path, text)
 
 
 def text_of(boxes: BoxFile) -> str:
@@ -155,12 +224,13 @@ def text_of(boxes: BoxFile) -> str:
     if boxes.ego is not None:
         head["ego"] = dict(zip(("times_s", "positions"), (array.tolist() for array in boxes.ego), strict=True))
     lines = [f'"{name}": {json.dumps(value, allow_nan=False)}' for name, value in head.items()]
-    rows = ",\n".join(json.dumps(_track_to_json(track), allow_nan=False) for track in boxes.tracks)
+    rows = ",\n".join(json.dumps(track_to_json(track), allow_nan=False) for track in boxes.tracks)
     lines.append('"tracks": [' + (f"\n{rows}\n" if rows else "") + "]")
     return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
-def _track_to_json(track: Track) -> dict[str, Any]:
+def track_to_json(track: Track) -> dict[str, Any]:
+    """Return a track as in a file of boxes."""
     actor, path = track.actor, track.actor.world_from_actor
     return {
         "id": actor.uid,
@@ -177,6 +247,8 @@ def _track_to_json(track: Track) -> dict[str, Any]:
         "positions": path.positions.tolist(),
         "quaternions_wxyz": path.quaternions_wxyz.tolist(),
         **({"drawn_s": list(track.drawn_s)} if track.drawn_s else {}),
+        **({"unsure": [list(at) for at in track.unsure]} if track.unsure else {}),
+        **({"dismissed": [{"kind": k, "time_s": t} for k, t in track.dismissed]} if track.dismissed else {}),
     }
 
 
@@ -215,6 +287,11 @@ def _ego(node: Node) -> tuple[FloatArray, FloatArray]:
     return times, node.key("positions").array(len(times), 3)
 
 
+def track_from_json(value: Any, place: str) -> Track:
+    """Return a track of its JSON, as in a file of boxes. Raises `LogError` naming the ``place``."""
+    return _track(Node(value, place, LogError))
+
+
 def _track(node: Node) -> Track:
     _check_members(node, boxes_schema()["properties"]["tracks"]["items"])
     there = node.object()
@@ -246,6 +323,10 @@ def _track(node: Node) -> Track:
         node.key("returns").integer(at_least=0) if "returns" in there else 0,
         node.key("sweeps").integer(at_least=0) if "sweeps" in there else 0,
         tuple(node.key("drawn_s").array(-1).tolist()) if "drawn_s" in there else (),
+        tuple(map(tuple, node.key("unsure").array(-1, 2).tolist())) if "unsure" in there else (),
+        tuple((at.key("kind").text(), at.key("time_s").number()) for at in node.key("dismissed").elements())
+        if "dismissed" in there
+        else (),
     )
 
 

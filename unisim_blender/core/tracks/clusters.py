@@ -21,16 +21,20 @@ CELL_M = 0.3
 LEAST_RETURNS = 4
 MOVING = 0.3
 """Part of a cluster's returns that lie where other sweeps see through."""
+WEAK_RETURNS = 8
+"""Clusters of this many returns of which fewer do go on with tracks, and begin none."""
 LARGEST_M = 20.0
 
 
 @dataclass(frozen=True)
 class Cluster:
-    """Returns (N, 3) of one thing in a sweep, in the world, at their times (N,); ``origin`` (3,) of their rays."""
+    """Returns (N, 3) of one thing in a sweep, in the world, at their times (N,); ``origin`` (3,) of their rays; ``is_weak``:
+    other sweeps do not see through its place, or do not observe it."""
 
     points: FloatArray
     time_s: FloatArray
     origin: FloatArray
+    is_weak: bool = False
 
     @property
     def middle_s(self) -> float:
@@ -61,8 +65,8 @@ def above_ground(scan: Scan, ground: GroundHeights) -> NDArray[np.int64]:
 def moving_clusters(
     scan: Scan, ground: GroundHeights, images: Mapping[int, RangeImage], chosen: Sequence[Sequence[int]]
 ) -> tuple[list[Cluster], FloatArray]:
-    """Return clusters of a sweep that other sweeps (``chosen``: `free_space.windows`) see through the place of, and
-    returns (N, 3) above the ground that stand."""
+    """Return clusters of a sweep that do not stand by what other sweeps (``chosen``: `free_space.windows`) see, and returns
+    (N, 3) above the ground that do."""
     keep = above_ground(scan, ground)
     points, time_s, origins = scan.points[keep], scan.time_s[keep], scan.origins[keep]
     moving, stays = left_or_entered(points, images, chosen)
@@ -72,8 +76,9 @@ def moving_clusters(
     for members in _groups(label):
         at = other[members]
         size = np.ptp(points[at, :2], 0)
-        if len(at) >= LEAST_RETURNS and moving[at].mean() >= MOVING and size.max() < LARGEST_M:
-            clusters.append(Cluster(points[at], time_s[at], origins[at].mean(0)))
+        is_weak = bool(moving[at].mean() < MOVING)
+        if len(at) >= (WEAK_RETURNS if is_weak else LEAST_RETURNS) and size.max() < LARGEST_M:
+            clusters.append(Cluster(points[at], time_s[at], origins[at].mean(0), is_weak))
     return clusters, points[~moving]
 
 

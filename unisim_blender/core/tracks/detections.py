@@ -157,7 +157,7 @@ def _by_frame(boxes: TrackedBoxes, score: FloatArray) -> Iterator[list[int]]:
 
 def _cluster(boxes: TrackedBoxes, row: int) -> BoxCluster:
     corners = transform_points(boxes.poses[row], UNIT_BOX_CORNERS * boxes.size_m[row])
-    return BoxCluster(corners, np.full(len(corners), boxes.key_s[row]), np.zeros(3), row)
+    return BoxCluster(corners, np.full(len(corners), boxes.key_s[row]), np.zeros(3), row=row)
 
 
 def _track(boxes: TrackedBoxes, score: FloatArray, rows: NDArray[np.int64], number: int, source: str) -> Track:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..geometry import FloatArray
+from ..geometry import FloatArray, convex_intersection_area
 from ..world.classes import motion_of
 from ..world.drive import Actor
 from .box_file import Track
@@ -42,18 +42,19 @@ class DoubtfulPlace:
     other: str = ""
 
 
-def doubtful_places(
-    tracks: Sequence[Track], times_s: FloatArray, certainty: Mapping[str, tuple[FloatArray, FloatArray]] | None = None
-) -> tuple[DoubtfulPlace, ...]:
-    """Return the doubtful places of tracks, in order of tracks and times. Overlaps are looked for at ``times_s`` (F,);
-    ``certainty``: times (T,) and certainty (T,) along tracks, by id, where it is known."""
+def doubtful_places(tracks: Sequence[Track], times_s: FloatArray) -> tuple[DoubtfulPlace, ...]:
+    """Return the doubtful places of tracks that were not dismissed, in order of tracks and times. Overlaps are looked for
+    at ``times_s`` (F,)."""
     places = [place for track in tracks for place in _of_track(track)]
-    for uid, (times, values) in (certainty or {}).items():
-        low = np.flatnonzero(values < UNCERTAIN)
-        places += _merged(uid, "uncertain", times[low], -values[low])
+    places += [DoubtfulPlace(track.actor.uid, at, "uncertain", value) for track in tracks for at, value in track.unsure]
     places += _overlaps([track.actor for track in tracks], times_s)
     order = {track.actor.uid: n for n, track in enumerate(tracks)}
-    return tuple(sorted(places, key=lambda place: (order[place.uid], place.time_s, place.kind)))
+    left = [place for place in places if not _is_dismissed(place, tracks[order[place.uid]])]
+    return tuple(sorted(left, key=lambda place: (order[place.uid], place.time_s, place.kind)))
+
+
+def _is_dismissed(place: DoubtfulPlace, track: Track) -> bool:
+    return any(kind == place.kind and abs(time - place.time_s) < NEAR_S for kind, time in track.dismissed)
 
 
 def _of_track(track: Track) -> list[DoubtfulPlace]:
@@ -92,13 +93,14 @@ def _of_track(track: Track) -> list[DoubtfulPlace]:
     return places
 
 
+def worst_of_runs(times: FloatArray, badness: FloatArray) -> list[int]:
+    """Return the number of the worst place of each run of places."""
+    runs = np.split(np.arange(len(times)), np.flatnonzero(np.diff(times) > NEAR_S) + 1) if len(times) else []
+    return [int(run[badness[run].argmax()]) for run in runs]
+
+
 def _merged(uid: str, kind: str, times: FloatArray, values: FloatArray) -> list[DoubtfulPlace]:
-    """Return the worst place of each run of places of a kind."""
-    if not len(times):
-        return []
-    runs = np.split(np.arange(len(times)), np.flatnonzero(np.diff(times) > NEAR_S) + 1)
-    worst = [run[int(values[run].argmax())] for run in runs]
-    return [DoubtfulPlace(uid, float(times[n]), kind, abs(float(values[n]))) for n in worst]
+    return [DoubtfulPlace(uid, float(times[n]), kind, float(values[n])) for n in worst_of_runs(times, values)]
 
 
 def _overlaps(actors: Sequence[Actor], times_s: FloatArray) -> list[DoubtfulPlace]:
@@ -126,22 +128,7 @@ def _common_share(pose: FloatArray, size: FloatArray, other: FloatArray, other_s
     if abs(pose[2, 3] - other[2, 3]) > (size[2] + other_size[2]) / 2:
         return 0.0
     corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) / 2
-    ring = [(pose[:2, :2] @ (corner * size[:2]) + pose[:2, 3]) for corner in corners]
-    turn = other[:2, :2].T
-    polygon = [(turn @ (point - other[:2, 3])).tolist() for point in ring]
-    for axis in range(2):  # clipped at the other box's sides (Sutherland and Hodgman, 1974)
-        for sign in (1.0, -1.0):
-            limit, clipped = other_size[axis] / 2, []
-            for before, point in zip(polygon[-1:] + polygon[:-1], polygon, strict=True):
-                a, b = limit - sign * before[axis], limit - sign * point[axis]
-                if (a >= 0) != (b >= 0):
-                    part = a / (a - b)
-                    clipped.append([u + part * (v - u) for u, v in zip(before, point, strict=True)])
-                if b >= 0:
-                    clipped.append(point)
-            polygon = clipped
-            if not polygon:
-                return 0.0
-    x, y = np.array(polygon).T
-    area = abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) / 2
-    return area / min(float(np.prod(size[:2])), float(np.prod(other_size[:2])))
+    middle = pose[:2, 3]  # near the origin nothing is lost to large coordinates
+    rings = [corners * a[:2] @ p[:2, :2].T + p[:2, 3] - middle for p, a in ((pose, size), (other, other_size))]
+    area = convex_intersection_area(rings[0][None], rings[1][None])[0]
+    return float(area / min(np.prod(size[:2]), np.prod(other_size[:2])))

@@ -24,7 +24,7 @@ from .ground import GroundBuilder, GroundHeights
 from .scans import read_scan, scans_of
 from .standing import StandingMap
 
-VERSION = 3
+VERSION = 4
 """Counted on whenever a stage here changes: what an older program cached is made anew."""
 SearchProgress = Callable[[str, float], object]
 """Called with the name of a stage and the fraction of it that is done; what it raises cancels the search."""
@@ -85,6 +85,7 @@ def _write(path: Path, evidence: Evidence) -> None:
         times_s=evidence.times_s,
         in_sweep=np.array([len(sweep) for sweep in evidence.clusters]),
         in_cluster=np.array([len(cluster.points) for cluster in clusters], np.int64),
+        is_weak=np.array([cluster.is_weak for cluster in clusters], bool),
         origins=np.array([cluster.origin for cluster in clusters]).reshape(-1, 3),
         points=np.concatenate([np.zeros((0, 3)), *(cluster.points for cluster in clusters)]),
         time_s=np.concatenate([np.zeros(0), *(cluster.time_s for cluster in clusters)]),
@@ -102,7 +103,7 @@ def _read(path: Path) -> Evidence:
         content = dict(file)
     ends = np.cumsum(content["in_cluster"])[:-1]
     parts = (np.split(content[name], ends) if len(content["in_cluster"]) else [] for name in ("points", "time_s"))
-    clusters = [Cluster(*values) for values in zip(*parts, content["origins"], strict=True)]
+    clusters = [Cluster(*values) for values in zip(*parts, content["origins"], content["is_weak"], strict=True)]
     last = np.cumsum(content["in_sweep"])
     sweeps = tuple(tuple(clusters[end - count : end]) for end, count in zip(last, content["in_sweep"], strict=True))
     stays = StandingMap(content["keys"], content["values"])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,12 +13,13 @@ from ..world.drive import Actor, Appearance, Drive
 from .associate import associate
 from .box_file import Track
 from .boxes import closest_heading
+from .certainty import moving_features, probability
 from .clusters import Cluster
-from .evidence import SearchProgress, evidence_of
+from .evidence import Evidence, SearchProgress, evidence_of
 from .ground import GroundHeights
 from .register import PlanarPath, register, returns_of, rotated, smoothed
 from .shape import VEHICLES, shape_of, supported
-from .standing import StandingBox, standing_box
+from .standing import CONE_CERTAINTY, StandingBox, around, standing_box
 
 MOVED_M = 1.5
 """What moves gets this far from where it began."""
@@ -34,29 +35,44 @@ RISE_M = 0.12
 """A vehicle's rear is this much higher than its front, where that tells them apart."""
 
 
+@dataclass(frozen=True)
+class Candidate:
+    """A track, and what sweeps show of it: `certainty.FEATURES`, none of a cone."""
+
+    track: Track
+    features: tuple[float, ...]
+
+
 def find_tracks(log: Log, progress: SearchProgress = lambda stage, done: None) -> tuple[Track, ...]:
     """Return the tracks of a log's sweeps, what moves before what stands, each in order of their first times.
 
     Raises `LogError` where no LiDAR has two sweeps, scipy is not installed, or a sweep cannot be read.
     """
+    tracks = [candidate.track for candidate in candidates(log, progress)]
+    return tuple(without_doubles([track for track in tracks if track.certainty >= LEAST_CERTAINTY]))
+
+
+def candidates(log: Log, progress: SearchProgress = lambda stage, done: None) -> list[Candidate]:
+    """Return all that may be tracks, as `find_tracks`, however uncertain, and where several lie in one place."""
     evidence = evidence_of(log, progress)
     ground = evidence.ground
-    chains = associate(evidence.clusters)
+    chains, stays = associate(evidence.clusters), evidence.stays.voxels(ground)
     moving = []
     for number, chain in enumerate(chains):
-        if (track := _moving_track(f"{number:03d}", chain, ground, evidence.times_s)) is not None:
-            moving.append(track)
+        if (found := _moving(f"{number:03d}", chain, evidence, stays)) is not None:
+            moving.append(found)
         progress("registration", (number + 1) / len(chains))
     boxes = [box for part in evidence.stays.parts(ground) if (box := standing_box(part)) is not None]
-    ways = _ways([log.drive.world_from_ego, *(t.actor.world_from_actor for t in moving if t.certainty > SURE)])
-    standing_tracks = [_standing_track(f"{number:03d}", box, ground, ways) for number, box in enumerate(boxes)]
+    sure = [candidate.track.actor.world_from_actor for candidate in moving if candidate.track.certainty > SURE]
+    ways = _ways([log.drive.world_from_ego, *sure])
+    standing = [_standing(f"{number:03d}", box, ground, ways, stays) for number, box in enumerate(boxes)]
     progress("standing", 1.0)
-    tracks = [track for track in (*moving, *standing_tracks) if track.certainty >= LEAST_CERTAINTY]
-    return tuple(without_doubles(tracks))
+    return [*moving, *standing]
 
 
-def _moving_track(uid: str, clusters: Sequence[Cluster], ground: GroundHeights, times_s: FloatArray) -> Track | None:
-    """Return the track of clusters of one thing; None of one that does not move. ``times_s``: of all sweeps."""
+def _moving(uid: str, clusters: Sequence[Cluster], evidence: Evidence, stays: FloatArray) -> Candidate | None:
+    """Return the track of clusters of one thing; None of one that does not move. ``stays``: `StandingMap.voxels`."""
+    ground, times_s = evidence.ground, evidence.times_s
     times = np.array([cluster.middle_s for cluster in clusters])
     keep = np.append(True, np.diff(times) > 1e-3)
     clusters = [cluster for cluster, there in zip(clusters, keep, strict=True) if there]
@@ -68,13 +84,12 @@ def _moving_track(uid: str, clusters: Sequence[Cluster], ground: GroundHeights, 
         return None
     returns = returns_of(clusters, ground.height)
     origins = np.array([cluster.origin[:2] for cluster in clusters])
-    length, shape, support = 0.0, None, 0.0
+    length, shape = 0.0, None
     for _ in range(2):
         path = register(returns, path, length)
         local = returns.in_actor(path)
         good = supported(local, returns.sweep)
-        support = float(good.mean())
-        if support < 0.5:
+        if good.mean() < 0.5:
             good[:] = True
         at = returns.sweep[good]
         views = rotated(-path.yaw_rad[at], origins[at] - path.positions[at])
@@ -85,26 +100,14 @@ def _moving_track(uid: str, clusters: Sequence[Cluster], ground: GroundHeights, 
     if _moved(path) < max(MOVED_M, MOVED * length):
         return None
     fill = len(times) / max(int(((times_s > times[0] - 0.1) & (times_s < times[-1] + 0.1)).sum()), 1)
-    certainty = _certainty(len(times), fill, len(returns.points) / len(times), support, shape.seen)
+    features = moving_features(returns, fill, shape.seen, stays)
     actor = actor_of(uid, shape.label, shape.size_m, path, ground, True)
-    return Track(actor, certainty, SOURCE, sum(len(cluster.points) for cluster in clusters), len(times))
+    count = sum(len(cluster.points) for cluster in clusters)
+    return Candidate(Track(actor, probability(features, "moving"), SOURCE, count, len(times)), features)
 
 
 def _moved(path: PlanarPath) -> float:
     return float(np.linalg.norm(path.positions - path.positions[0], axis=1).max())
-
-
-def _certainty(sweeps: int, fill: float, returns: float, support: float, seen: float) -> float:
-    """Return how certain a moving track is: by its number of sweeps, the part of those of its time, the returns of each,
-    the part of them that another sweep confirms in the actor's frame, and how much of its width is seen."""
-    parts = (
-        1 - 0.5 ** (sweeps / 3),
-        np.clip((fill - 0.3) / 0.4, 0, 1),
-        np.clip(np.log(returns / 3) / np.log(4), 0, 1),
-        np.clip((support - 0.4) / 0.4, 0, 1),
-        np.clip((seen - 0.15) / 0.35, 0, 1),
-    )
-    return float(np.prod(parts))
 
 
 def _ways(paths: Sequence[Trajectory]) -> FloatArray:
@@ -131,10 +134,12 @@ def _heading(box: StandingBox, ways: FloatArray) -> float:
     return yaw + np.pi if beside is not None and beside @ (np.cos(yaw), np.sin(yaw)) < 0 else yaw
 
 
-def _standing_track(uid: str, box: StandingBox, ground: GroundHeights, ways: FloatArray) -> Track:
+def _standing(uid: str, box: StandingBox, ground: GroundHeights, ways: FloatArray, stays: FloatArray) -> Candidate:
     path = PlanarPath(np.array([box.first_s]), box.middle[None], np.array([_heading(box, ways)]))
-    actor = actor_of(f"standing-{uid}", box.label, box.size_m, path, ground, False)
-    return Track(replace(actor, end_s=box.last_s), box.certainty, SOURCE, box.returns, box.sweeps)
+    actor = replace(actor_of(f"standing-{uid}", box.label, box.size_m, path, ground, False), end_s=box.last_s)
+    features = (*box.features, around(box, stays)) if box.features else ()
+    certainty = probability(features, "standing") if features else CONE_CERTAINTY
+    return Candidate(Track(actor, certainty, SOURCE, box.returns, box.sweeps), features)
 
 
 def without_doubles(tracks: Sequence[Track]) -> list[Track]:

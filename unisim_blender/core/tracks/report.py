@@ -1,4 +1,5 @@
-"""The report of found tracks: one page of HTML with a picture from above, tracks over time, and their certainty."""
+"""The report of found tracks: one page of HTML with a picture from above, tracks over time, their certainty, and what one
+sensor alone saw."""
 
 from __future__ import annotations
 
@@ -8,49 +9,90 @@ from collections.abc import Sequence
 from html import escape
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 
 from ..data.log import Log
-from ..geometry import FloatArray, box_corners, spread_indices
+from ..geometry import FloatArray, box_corners, invert_pose, points_in_box, spread_indices
+from ..world.box_tracks import passing
 from .box_file import Track
-from .scans import read_scan, scans_of
+from .scans import ScanRef, read_scan, scans_of
 
 PIXELS = 1400
 """Longest side of the picture."""
 SWEEPS = 12
 """Number of sweeps whose returns are drawn."""
-MARGIN_M = 10.0
+MARGIN_M, LETTERS_PX = 10.0, 11
 ROW, LEFT, WIDTH = 16, 150, 700
 STYLE = (
-    "body{font:14px sans-serif;margin:24px}svg{max-width:100%;height:auto}text{font:11px sans-serif}"
+    "body{font:14px sans-serif;margin:24px}svg,img{max-width:100%;height:auto}text{font:11px sans-serif}"
     "table{border-collapse:collapse}td,th{padding:2px 10px;text-align:right}"
 )
 
 
 def report(log: Log, tracks: Sequence[Track]) -> str:
     """Return the page: ``log`` gives returns and times. Raises what its reader raises."""
-    counts: dict[tuple[str, str], int] = {}
+    seen = seen_by(log, tracks)
+    rows: dict[tuple[str, str], list[str]] = {}
     for track in tracks:
-        key = track.actor.label, "moving" if track.actor.is_moving else "standing"
-        counts[key] = counts.get(key, 0) + 1
-    rows = "".join(f"<tr><td>{escape(label)}<td>{state}<td>{count}" for (label, state), count in sorted(counts.items()))
+        rows.setdefault((track.actor.label, "moving" if track.actor.is_moving else "standing"), []).append(
+            track.actor.uid
+        )
+    table = "".join(
+        f"<tr><td>{escape(label)}<td>{state}<td>{len(uids)}<td>{sum(len(seen[uid]) < 2 for uid in uids)}"
+        for (label, state), uids in sorted(rows.items())
+    )
+    alone = "; ".join(
+        f"{escape(uid)}: {escape(next(iter(names), 'none'))}" for uid, names in seen.items() if len(names) < 2
+    )
     return (
         f'<!doctype html><meta charset="utf-8"><title>Tracks of {escape(log.drive.name)}</title><style>{STYLE}</style>'
-        f"<h1>Tracks of {escape(log.drive.name)}</h1><table><tr><th>class<th>state<th>tracks{rows}</table>"
-        "<p>Green is certain, red is not. Lines are the ways of what moves; the box is where it is in the middle of its "
-        f"time.</p><h2>From above</h2>{_above(log, tracks)}<h2>Over time</h2>{_times(log, tracks)}"
+        f"<h1>Tracks of {escape(log.drive.name)}</h1><table><tr><th>class<th>state<th>tracks<th>seen by one sensor{table}"
+        "</table><p>Green is certain, red is not. Lines are the ways of what moves; the box is where it is in the middle of "
+        f"its time.</p><h2>From above</h2>{_above(log, tracks)}<h2>Over time</h2>{_times(log, tracks)}"
+        "<h2>Seen by one sensor alone</h2><p>By the returns in the box, and by whether its centre is in a camera's image, in "
+        f"the middle of a track's time: {alone or 'none'}.</p>"
     )
 
 
-def _colour(certainty: float) -> str:
+def seen_by(log: Log, tracks: Sequence[Track]) -> dict[str, set[str]]:
+    """Return the sensors that see each track in the middle of its time, by id: LiDARs with a return in its box, and cameras
+    with its centre in the image."""
+    seen: dict[str, set[str]] = {track.actor.uid: set() for track in tracks}
+    first, last = (log.drive.time_s[log.drive.frames[at]] for at in (0, -1))
+    middles = {t.actor.uid: (max(t.actor.start_s, first) + min(t.actor.end_s, last)) / 2 for t in tracks}
+    for name, lidar in log.drive.lidars.items():
+        at_frame: dict[int, list[Track]] = {}
+        for track in tracks if (frames := log.sweep_frames(name)) else ():
+            near = min(frames, key=lambda frame: abs(lidar.time_s[frame] - middles[track.actor.uid]))
+            at_frame.setdefault(near, []).append(track)
+        for frame, there in at_frame.items():
+            scan = read_scan(log, ScanRef(name, frame, lidar.time_s[frame]))
+            passed = passing([track.actor for track in there], lidar, lidar.time_s[frame])
+            for track, time in zip(there, passed, strict=True):
+                pose, size = track.actor.world_from_actor.at(time), track.actor.size_m
+                near_it = (np.abs(scan.points[:, :2] - pose[:2, 3]) < np.linalg.norm(size)).all(1)
+                if points_in_box(scan.points[near_it], pose, size).any():
+                    seen[track.actor.uid].add(name)
+    for name, camera in log.drive.cameras.items():
+        for track in tracks if (frames := log.image_frames(name)) else ():
+            time = min((camera.time_s[frame] for frame in frames), key=lambda t: abs(t - middles[track.actor.uid]))
+            pose = invert_pose(camera.world_from_camera.at(time)) @ track.actor.world_from_actor.at(time)
+            u, v, valid = camera.model.project(pose[None, :3, 3])
+            if valid[0] and 0 <= u[0] <= camera.model.width and 0 <= v[0] <= camera.model.height:
+                seen[track.actor.uid].add(name)
+    return seen
+
+
+def _rgb(certainty: float) -> str:
     return f"hsl({120 * certainty:.0f},85%,38%)"
 
 
 def _above(log: Log, tracks: Sequence[Track]) -> str:
+    """Return the picture: returns of some sweeps, boxes, ways and names."""
     refs = scans_of(log)
-    points = np.concatenate([read_scan(log, refs[at]).points[:, :2] for at in spread_indices(len(refs), SWEEPS)])
-    places = [track.actor.world_from_actor.positions[:, :2] for track in tracks]
-    shown = np.concatenate([log.drive.world_from_ego.positions[:, :2], *places])
+    points = [read_scan(log, refs[at]).points[:, :2] for at in spread_indices(len(refs), SWEEPS)]
+    ego = log.drive.world_from_ego.positions[:, :2]
+    shown = np.concatenate([ego, *(track.actor.world_from_actor.positions[:, :2] for track in tracks)])
     low, high = shown.min(0) - MARGIN_M, shown.max(0) + MARGIN_M
     scale = PIXELS / float((high - low).max())
     width, height = np.ceil((high - low) * scale).astype(int).tolist()
@@ -58,38 +100,28 @@ def _above(log: Log, tracks: Sequence[Track]) -> str:
     def at(xy: FloatArray) -> FloatArray:
         return np.stack([xy[:, 0] - low[0], high[1] - xy[:, 1]], 1) * scale
 
-    pixel = at(points).astype(np.int64)
+    pixel = at(np.concatenate([np.zeros((0, 2)), *points])).astype(np.int64)
     inside = ((pixel >= 0) & (pixel < (width, height))).all(1)
-    picture = np.full((height, width), 255, np.uint8)
-    picture[pixel[inside, 1], pixel[inside, 0]] = 170
-    file = io.BytesIO()
-    Image.fromarray(picture).save(file, "PNG")
-    data = base64.b64encode(file.getvalue()).decode()
-    parts = [f'<image href="data:image/png;base64,{data}" width="{width}" height="{height}"/>']
-    parts.append(
-        f'<polyline points="{_svg(at(log.drive.world_from_ego.positions[:, :2]))}" fill="none" stroke="#36c"/>'
-    )
+    grey = np.full((height, width, 3), 255, np.uint8)
+    grey[pixel[inside, 1], pixel[inside, 0]] = 170
+    picture = Image.fromarray(grey)
+    pen, font = ImageDraw.Draw(picture), ImageFont.load_default(LETTERS_PX)
+
+    def line(xy: FloatArray, colour: str, pixels: int) -> None:
+        pen.line([tuple(place) for place in at(xy).tolist()], fill=colour, width=pixels)
+
+    line(ego, "#3366cc", 2)
     for track in tracks:
-        actor, colour = track.actor, _colour(track.certainty)
-        middle = actor.world_from_actor.at((actor.start_s + actor.end_s) / 2)
-        corners = box_corners(middle, actor.size_m)[[0, 2, 6, 4]]
-        front = middle[:3, :3] @ np.array([actor.size_m[0] / 2, 0, 0]) + middle[:3, 3]
-        title = f"<title>{escape(actor.uid)}: {track.certainty:.2f}</title>"
-        parts.append(
-            f'<polygon points="{_svg(at(corners))}" fill="none" stroke="{colour}" stroke-width="2">{title}</polygon>'
-        )
-        way = _svg(at(np.stack([middle[:3, 3], front])))
-        parts.append(f'<polyline points="{way}" fill="none" stroke="{colour}" stroke-width="2"/>')
+        actor, colour = track.actor, _rgb(track.certainty)
         if actor.is_moving:
-            way = _svg(at(actor.world_from_actor.positions))
-            parts.append(f'<polyline points="{way}" fill="none" stroke="{colour}"/>')
-        x, y = at(middle[None, :3, 3])[0]
-        parts.append(f'<text x="{x:.0f}" y="{y:.0f}">{escape(actor.uid)}</text>')
-    return f'<svg viewBox="0 0 {width} {height}" width="{width}">{"".join(parts)}</svg>'
-
-
-def _svg(xy: FloatArray) -> str:
-    return " ".join(f"{x:.1f},{y:.1f}" for x, y in xy.tolist())
+            line(actor.world_from_actor.positions[:, :2], colour, 1)
+        middle = actor.world_from_actor.at((max(actor.start_s, -1e6) + min(actor.end_s, 1e6)) / 2)
+        line(box_corners(middle, actor.size_m)[[0, 2, 6, 4, 0], :2], colour, 2)
+        line(np.stack([middle[:2, 3], middle[:2, 3] + middle[:2, 0] * actor.size_m[0] / 2]), colour, 2)
+        pen.text(tuple(at(middle[None, :2, 3])[0].tolist()), actor.uid, fill="black", font=font)
+    file = io.BytesIO()
+    picture.save(file, "PNG")
+    return f'<img src="data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}" alt="Tracks from above">'
 
 
 def _times(log: Log, tracks: Sequence[Track]) -> str:
@@ -101,7 +133,7 @@ def _times(log: Log, tracks: Sequence[Track]) -> str:
         x = LEFT + WIDTH * np.clip((np.array([actor.start_s, actor.end_s]) - start) / span, 0, 1)
         parts.append(
             f'<text x="0" y="{y + 11}">{escape(actor.uid)}</text><rect x="{x[0]:.0f}" y="{y + 3}" height="{ROW - 6}" '
-            f'width="{max(x[1] - x[0], 2):.0f}" fill="{_colour(track.certainty)}"/><text x="{LEFT + WIDTH + 8}" '
+            f'width="{max(x[1] - x[0], 2):.0f}" fill="{_rgb(track.certainty)}"/><text x="{LEFT + WIDTH + 8}" '
             f'y="{y + 11}">{track.certainty:.2f}, {track.returns} returns of {track.sweeps} sweeps</text>'
         )
     height = len(tracks) * ROW + 4

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..data.log import Log
 from ..geometry import FloatArray
@@ -30,6 +31,15 @@ class Scan:
     points: FloatArray
     origins: FloatArray
     time_s: FloatArray
+
+    def some(self, rows: NDArray[np.int64]) -> Scan:
+        """Return some of the returns."""
+        return Scan(self.points[rows], self.origins[rows], self.time_s[rows])
+
+    @property
+    def nbytes(self) -> int:
+        """The memory that they take."""
+        return self.points.nbytes + self.origins.nbytes + self.time_s.nbytes
 
 
 def scans_of(log: Log) -> tuple[ScanRef, ...]:

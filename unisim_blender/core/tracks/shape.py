@@ -25,6 +25,8 @@ TOO_WIDE = 1.6
 INNER = (0.03, 0.97)
 """Quantiles of returns between which people and riders are looked for."""
 NARROW = ("Cyclist", "Pedestrian")
+TALLEST_M = 2.2
+"""What is higher above somebody, a branch or a sign, is not their own."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,7 @@ def shape_of(points: FloatArray, origins: FloatArray, speed: float) -> Shape:
         viewed = float(np.clip((origins[:, axis] - (low + high) / 2) / half / 2, -1, 1).mean())
         low, high = completed(low, high, usual[axis], viewed)
         size[axis], middle[axis] = high - low, (high + low) / 2
-    size[2] = top if len(points) > 30 or top > usual[2] else usual[2]
+    is_own = (len(points) > 30 or top > usual[2]) and not (label in NARROW and top > TALLEST_M)
+    size[2] = top if is_own else usual[2]
     middle[2] = size[2] / 2
     return Shape(label, size, middle, seen)

@@ -26,15 +26,15 @@ MOST_PIECES_M, WEAK, PIECE_LOW_M = 14.0, 0.25, 0.4
 LONGEST_M, WIDEST_M, SHORTEST_M = 6.6, 2.8, 1.3
 LOWEST_TOP_M, HIGHEST_TOP_M = 1.0, 2.35
 CONE_M, CONE_TOP_M, CONE_CERTAINTY = 0.7, (0.4, 1.2), 0.25
-"""What is smaller, and this high, is a candidate for a cone, of no more certainty."""
+"""What is smaller, and this high, is a candidate for a cone."""
 SIDE_M, GLASS_M = (0.4, 0.95), (1.15, 1.7)
 """Heights of a car's side and of its windows, which lean in."""
 LEANS_M = (0.08, 0.5)
 EDGE_M = 0.2
 END_M = 2.5
 """What is shorter is a vehicle's end alone."""
-FLAT_M = 0.7
-"""What is less deep may be a wall."""
+RING_M = 0.6
+"""Width of the ring around a box in which something else may stand."""
 COLUMNS = ("count", "x", "y", "z", "origin x", "origin y", "first", "last")
 """Values of a voxel: sums over its returns, and the times of the first and the last one, seconds."""
 
@@ -49,7 +49,8 @@ class StandingBox:
     size_m: FloatArray
     first_s: float
     last_s: float
-    certainty: float
+    features: tuple[float, ...]
+    """Of `certainty.FEATURES`, without what is around; none of a cone."""
     returns: int
     sweeps: int
     rise_m: float
@@ -99,17 +100,22 @@ class StandingMap:
         self._merge()
         return self.keys, self.values
 
-    def parts(self, ground: GroundHeights) -> list[FloatArray]:
-        """Return voxels (N, `COLUMNS`) of each thing below `HIGH_M`, with means in place of sums, and heights above the
-        ground in place of z; what is taller is left out."""
-        from scipy import ndimage
-
+    def voxels(self, ground: GroundHeights) -> FloatArray:
+        """Return voxels (N, `COLUMNS`) that `LEAST_SWEEPS` saw, with means in place of sums, and heights above the ground
+        in place of z."""
         values = self.content()[1]
         values = values[values[:, 0] >= LEAST_SWEEPS]
-        if not len(values):
-            return []
         values = np.concatenate([values[:, :1], values[:, 1:6] / values[:, :1], values[:, 6:]], 1)
         values[:, 3] -= ground.height(values[:, 1:3])
+        return values
+
+    def parts(self, ground: GroundHeights) -> list[FloatArray]:
+        """Return `voxels` of each thing below `HIGH_M`; what is taller is left out."""
+        from scipy import ndimage
+
+        values = self.voxels(ground)
+        if not len(values):
+            return []
         cell = np.floor(values[:, 1:3] / VOXEL_M).astype(np.int64)
         cell -= cell.min(0)
         shape = tuple((cell.max(0) + 1).tolist())
@@ -169,7 +175,6 @@ def standing_box(voxels: FloatArray) -> StandingBox | None:
         viewed = float(np.clip((views[:, axis] - (low + high) / 2) / max(high - low, usual), -1, 1).mean())
         low, high = completed(low, high, usual, viewed)
         size[axis], middle[axis] = high - low, (low + high) / 2
-    certainty = _certainty(voxels, local, views)
     return StandingBox(
         "Car",
         float(yaw),
@@ -177,7 +182,7 @@ def standing_box(voxels: FloatArray) -> StandingBox | None:
         size,
         float(voxels[:, 6].min()),
         float(voxels[:, 7].max()),
-        certainty,
+        _features(voxels, local - middle, views[:, 1] - middle[1], size),
         int(voxels[:, 0].sum()),
         int(voxels[:, 0].max()),
         _rise(local[:, 0], voxels[:, 3]),
@@ -189,10 +194,9 @@ def _cone(voxels: FloatArray, top: float) -> StandingBox:
     """Return the box of something as small as a cone, which may be much else."""
     low, high = voxels[:, 1:3].min(0), voxels[:, 1:3].max(0)
     size = np.array([*np.maximum(high - low, VOXEL_M), top])
-    certainty = CONE_CERTAINTY * (1 - float(np.exp(-voxels[:, 0].mean() / 5)))
     counts = int(voxels[:, 0].sum()), int(voxels[:, 0].max())
     times = float(voxels[:, 6].min()), float(voxels[:, 7].max())
-    return StandingBox("Cones", 0.0, (low + high) / 2, size, *times, certainty, *counts, 0.0, False)
+    return StandingBox("Cones", 0.0, (low + high) / 2, size, *times, (), *counts, 0.0, False)
 
 
 def _rise(along: FloatArray, height: FloatArray) -> float:
@@ -204,22 +208,33 @@ def _rise(along: FloatArray, height: FloatArray) -> float:
     return float(np.quantile(rear, 0.9) - np.quantile(front, 0.9))
 
 
-def _certainty(voxels: FloatArray, local: FloatArray, views: FloatArray) -> float:
-    """Return how certain it is that voxels, at ``local`` (N, 2) in the box's frame, are a vehicle's: by their size, by
-    whether windows lean in, and by what lies inside of the outline, as of hoods and roofs and not of walls."""
+def _features(voxels: FloatArray, local: FloatArray, across: FloatArray, size: FloatArray) -> tuple[float, ...]:
+    """Return `certainty.FEATURES` of voxels, at ``local`` (N, 2) in the frame of a box of edges ``size`` (3,), seen from
+    ``across`` (N,)."""
     height = voxels[:, 3]
     spans = np.ptp(local, 0)
     side, glass = ((height > low) & (height < high) for low, high in (SIDE_M, GLASS_M))
     lean = float("nan")
     if min(side.sum(), glass.sum()) > 5:
-        towards = np.sign((views[:, 1] - local[:, 1]).mean()) * local[:, 1]
+        towards = np.sign(across.mean()) * local[:, 1]
         lean = float(np.quantile(towards[side], 0.95) - np.quantile(towards[glass], 0.95))
     depth = np.minimum(local - local.min(0), local.max(0) - local).min(1)
-    inside = float(np.clip(((depth > EDGE_M).mean() - 0.2) / 0.2, 0, 1))
-    seen = 1 - float(np.exp(-len(voxels) / 100))
-    often = float(np.clip((voxels[:, 0].mean() - 2.5) / 2, 0, 1))
-    if spans[0] < END_M or spans[1] < FLAT_M:
-        return 0.4 * inside * seen * often
-    if not LEANS_M[0] < lean < LEANS_M[1]:  # a van's, a truck's and a box's sides are upright
-        return (0.7 if spans[1] > 1.5 and abs(lean) < LEANS_M[0] else 0.3) * inside * seen * often
-    return inside * seen * often
+    edges = np.abs(size[:2] / 2 - np.abs(local)).min(1)
+    return (
+        float((depth > EDGE_M).mean()),
+        float(LEANS_M[0] < lean < LEANS_M[1]),
+        float(np.prod(np.minimum(spans / USUAL_M["Car"][:2], 1.0))),
+        float(abs(size[2] - USUAL_M["Car"][2])),
+        float(np.median(edges[side])) if side.any() else EDGE_M,
+    )
+
+
+def around(box: StandingBox, stays: FloatArray) -> float:
+    """Return the logarithm of how much stands in a ring around a box, beside what stands inside: little around what is
+    parked, much around a piece of a hedge. ``stays``: `StandingMap.voxels`."""
+    near = stays[(np.abs(stays[:, 1:3] - box.middle) < box.size_m.max()).all(1)]
+    near = near[(near[:, 3] > LOW_M) & (near[:, 3] < HIGH_M)]
+    local = rotated(np.full(len(near), -box.yaw_rad), near[:, 1:3] - box.middle)
+    beyond = (np.abs(local) - box.size_m[:2] / 2).max(1)
+    inside = beyond < VOXEL_M
+    return float(np.log((1 + (~inside & (beyond < RING_M)).sum()) / (1 + inside.sum())))

@@ -23,8 +23,8 @@ from ..data.images import resize_image
 from ..data.log import Log, extras_of
 from ..data.own_vehicle import outlines_from_json, outlines_to_json, shows_scene
 from ..errors import OutputError, SceneError
+from ..files import write_file
 from ..geometry import FloatArray, Trajectory, invert_pose, transform_points
-from ..json_file import write_text
 from ..model.checkpoint import TorchScene, save_scene
 from ..model.scene import SceneModel
 from ..model.scene_file import SceneHeader
@@ -59,7 +59,7 @@ def with_own_boxes(log: Log, out: Path) -> Log:
     text = text_at(file)
     if file.exists() and file.read_text(encoding="utf-8") != text:
         raise SceneError(f"{file}: has other boxes than {log.path}: give another folder")
-    write_text(file, text, OutputError)
+    write_file(file, text, OutputError)
     moved = copy.copy(log)
     moved.path = file
     return moved

@@ -7,7 +7,6 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,8 @@ from numpy.typing import NDArray
 from ..errors import UnisimError
 from ..formats.readers import drive_in, open_log
 from ..geometry import FloatArray, Trajectory, invert_pose
-from ..tracks.follow import DrawnBox, Followed, SweepStore, at_sweep, follow
+from ..tracks.box_file import Track, track_from_json, track_to_json
+from ..tracks.follow import DrawnBox, SweepStore, follow
 from .protocol import WorkerMessage
 
 POLL_S = 0.1
@@ -38,13 +38,11 @@ class BoxJobs:
         self.store: tuple[Path, SweepStore] | None = None
 
     def follow(self, request: WorkerMessage) -> Iterator[WorkerMessage]:
-        """Follow a box (`tracks.follow`): of a ``log``, with ``size_m``, ``label``, ``drawn`` boxes as [time_s, pose], of
-        which that numbered ``fresh`` was drawn around a sweep, ``before``, an earlier result or None, and ``refine``.
-
-        Yields progress, then arrays: times_s, poses, certainty, returns; with is_moving, size_m and the drawn boxes.
-        """
-        store, size, label = self._sweeps(request), np.array(request["size_m"], float), str(request["label"])
-        shares, results, faults = [0.0], list[Followed](), list[BaseException]()
+        """Follow a box (`tracks.follow`): of a ``log``, the ``track`` so far, ``drawn`` boxes as [time_s, pose], of which
+        that numbered ``fresh`` was drawn around a sweep, and ``refine``. Yields progress, then the track."""
+        store, track = self._sweeps(request), track_from_json(request["track"], "the request's track")
+        drawn = [DrawnBox(float(time), np.array(pose, float).reshape(4, 4)) for time, pose in request["drawn"]]
+        shares, results, faults = [0.0], list[Track](), list[BaseException]()
         cancelled = threading.Event()
 
         def progress(share: float) -> None:
@@ -54,11 +52,9 @@ class BoxJobs:
 
         def run() -> None:
             try:
-                drawn = [DrawnBox(float(time), np.array(pose, float).reshape(4, 4)) for time, pose in request["drawn"]]
                 if request.get("fresh") is not None:
-                    drawn[request["fresh"]] = at_sweep(store, size, label, drawn[request["fresh"]])
-                before = followed_from_json(request.get("before"))
-                results.append(follow(store, size, label, drawn, before, bool(request.get("refine")), progress))
+                    drawn[request["fresh"]] = store.at_sweep(drawn[request["fresh"]])
+                results.append(follow(store, track, drawn, bool(request.get("refine")), progress))
             except BaseException as fault:
                 faults.append(fault)
 
@@ -72,8 +68,7 @@ class BoxJobs:
             cancelled.set()
         if faults:
             raise faults[0]
-        (result,) = results
-        yield {"event": "followed", "result": followed_to_json(result)}
+        yield {"event": "followed", "track": track_to_json(results[0])}
 
     def box_points(self, request: WorkerMessage) -> Iterator[WorkerMessage]:
         """Give the returns about a box in its frame at each return's own time: of a ``log`` at ``time_s``, with ``size_m``
@@ -88,8 +83,10 @@ class BoxJobs:
             nearest = min(numbers, key=lambda n: abs(store.times_s[n] - time_s))
             if abs(store.times_s[nearest] - time_s) > 0.3:
                 continue
-            scan = store.scan(nearest)
-            parts.append(_in_frame(scan.points, scan.time_s, path, reach, time_s).astype(np.float32))
+            far = float(np.linalg.norm(reach)) + 3.0
+            scan = store.near(nearest, path.positions_at(time_s)[:2], far)
+            local = _in_frame(scan.points, scan.time_s, path)
+            parts.append(local[(np.abs(local) < reach).all(1)].astype(np.float32))
         points = np.concatenate(parts) if parts else np.zeros((0, 3), np.float32)
         yield self.leave({"points": points[:: max(1, -(-len(points) // MOST_SHOWN))]})
 
@@ -102,44 +99,11 @@ class BoxJobs:
         return self.store[1]
 
 
-def _in_frame(points: FloatArray, times: FloatArray, path: Trajectory, reach: FloatArray, time_s: float) -> FloatArray:
-    """Return the returns within ``reach`` (3,) of a box on its path, in its frame."""
-    far = float(np.linalg.norm(reach)) + 3.0
-    near = np.flatnonzero((np.abs(points - path.positions_at(time_s)) < far).all(1))
-    if not len(near):
-        return np.zeros((0, 3))
-    at, column = np.unique(times[near], return_inverse=True)
+def _in_frame(points: FloatArray, times: FloatArray, path: Trajectory) -> FloatArray:
+    """Return returns (N, 3) in the frame of a box on its path at their times (N,)."""
+    at, column = np.unique(times, return_inverse=True)
     places = invert_pose(path.at(at))[column]
-    local = np.einsum("nij,nj->ni", places[:, :3, :3], points[near]) + places[:, :3, 3]
-    return np.asarray(local[(np.abs(local) < reach).all(1)])
-
-
-def followed_to_json(result: Followed) -> dict[str, Any]:
-    """Return a result as JSON."""
-    return {
-        "times_s": result.times_s.tolist(),
-        "poses": np.round(result.poses.reshape(-1, 16), 9).tolist(),
-        "certainty": np.round(result.certainty, 4).tolist(),
-        "returns": result.returns.tolist(),
-        "is_moving": result.is_moving,
-        "size_m": result.size_m.tolist(),
-        "boxes": [[box.time_s, box.pose.ravel().tolist()] for box in result.boxes],
-    }
-
-
-def followed_from_json(values: Any) -> Followed | None:
-    """Return a result of its JSON; None of None."""
-    if not values:
-        return None
-    return Followed(
-        np.array(values["times_s"], float),
-        np.array(values["poses"], float).reshape(-1, 4, 4),
-        np.array(values["certainty"], float),
-        np.array(values["returns"], np.int64),
-        bool(values["is_moving"]),
-        np.array(values["size_m"], float),
-        tuple(DrawnBox(float(time), np.array(pose, float).reshape(4, 4)) for time, pose in values["boxes"]),
-    )
+    return np.asarray(np.einsum("nij,nj->ni", places[:, :3, :3], points) + places[:, :3, 3])
 
 
 def tell_tracks(path: Path, out: Path) -> None:

@@ -69,11 +69,12 @@ class WeatherKeys:
 
     def at(self, time_s: float) -> Weather | None:
         """Return the weather at a time, seconds; None where it changes nothing."""
-        values: dict[str, Any] = {name: self._value(name, time_s) for name in self.keys}
+        values: dict[str, Any] = {name: self.value(name, time_s) for name in self.keys}
         weather = replace(self.constant, **values)
         return None if weather.is_clear else weather
 
-    def _value(self, name: str, time_s: float) -> float:
+    def value(self, name: str, time_s: float) -> float:
+        """Return one of `KEYED` that is there, at a time, seconds."""
         times, values = np.array(self.keys[name]).T
         if name != "visibility_m":
             return float(np.interp(time_s, times, values))

@@ -1,7 +1,7 @@
 """A Blender scene read as a scenario: the difference between what was imported and what stands there.
 
 What lies within a tenth of a millimetre of the import at every frame is unedited and keeps its float64 original.
-Members that no object represents (frames or times, sensors' own times, what moves outside the recording, weather,
+Members that no object represents (frames or times, sensors' own times, what moves outside the recording,
 description) are text in the scene, and an export writes them back. Meshes are written beside the scenario; until then they
 lie in this process's own folder, each in a file named after a digest of its content.
 """
@@ -64,6 +64,7 @@ def read_scenario(
         sensors=sensors_of(sampled, drive),
         boxes=reading.boxes or None,
         edits=edits,
+        weather=sampled.weather,
         outputs=outputs,
         path=path,
     )
@@ -124,7 +125,6 @@ def stated_text(scenario: Scenario) -> str:
         frames=scenario.frames,
         times=scenario.times,
         outside=scenario.outside,
-        weather=scenario.weather,
         sensors=own if timed else None,
     )
     return "" if stated == Scenario(name="kept", log="log") else json.dumps(scenario_to_json(stated))
@@ -137,13 +137,7 @@ def with_stated(scenario: Scenario, text: str, drive: Drive, captures: bool) -> 
         return scenario
     stated = _read(text)
     # files of earlier versions have the simulation and the formats in their text
-    merged = replace(
-        scenario,
-        description=stated.description,
-        outside=stated.outside,
-        weather=stated.weather,
-        simulation=stated.simulation,
-    )
+    merged = replace(scenario, description=stated.description, outside=stated.outside, simulation=stated.simulation)
     if stated.outputs is not None and scenario.outputs is not None and scenario.outputs.formats is None:
         merged = replace(merged, outputs=replace(scenario.outputs, formats=stated.outputs.formats))
     if not captures:

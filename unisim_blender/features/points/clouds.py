@@ -23,8 +23,9 @@ from ...registering import Drawing
 from ...translations import localized
 from ...viewport.overlay_layout import WANTED, draw_shapes, measure_at, overlay_layout, write_rows
 
-SIZE, BEHIND_SIZE = 3.0, 2.0
-"""Of a point, and of one behind a surface, an actor's box say, in pixels of an ordinary display."""
+SIZE, BEHIND_SIZE, CAMERA_SIZE = 3.0, 2.0, 1.0
+"""Of a point, of one behind a surface, an actor's box say, and of those over a camera's image, which they would hide, in
+pixels of an ordinary display."""
 LABEL_M, TEXT = 3.0, (1.0, 1.0, 1.0, 1.0)
 """Height above the vehicle of the words beside sweeps that are drawn apart, and their colour."""
 
@@ -86,8 +87,9 @@ def draw() -> None:
     ]
     # the engine's image has no depth: over it all points are seen alike
     flat = space.shading.type == "RENDERED" and scene.render.engine == "UNISIM"
+    most = CAMERA_SIZE if context.region_data.view_perspective == "CAMERA" else SIZE
     gpu.state.blend_set("ALPHA")
-    for test, size in (("NONE", SIZE),) if flat else (("GREATER", BEHIND_SIZE), ("LESS_EQUAL", SIZE)):
+    for test, size in (("NONE", most),) if flat else (("GREATER", min(most, BEHIND_SIZE)), ("LESS_EQUAL", most)):
         gpu.state.depth_test_set(test)
         gpu.state.depth_mask_set(test == "LESS_EQUAL")
         gpu.state.point_size_set(size * context.preferences.system.pixel_size)

@@ -205,7 +205,12 @@ class UNISIM_OT_show_points(Editing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-HANDLERS = (("frame_change_post", follow), ("depsgraph_update_post", follow_edits))
+HANDLERS = (
+    *(
+        (name, follow) for name in ("frame_change_post", "undo_post", "redo_post")
+    ),  # undo brings an older frame's points
+    ("depsgraph_update_post", follow_edits),
+)
 TIMERS = (gather, ask_again, show_read)
 
 

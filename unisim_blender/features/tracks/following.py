@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import queue
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -13,10 +12,8 @@ import numpy as np
 from ...bridge.importing.tracks import (
     displaced,
     drawn_of,
-    place_track,
     pose_now,
-    settle,
-    size_now,
+    set_track,
     track_of,
     tracks_in,
 )
@@ -24,10 +21,7 @@ from ...bridge.objects.imported import source_of
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.window import Need, chosen, drive, object_mode, redraw, refresh, run_soon, selected
 from ...core.errors import UnisimError
-from ...core.geometry import Trajectory
-from ...core.tracks.box_file import Track
-from ...core.world.box_tracks import HALF_FRAME_S, spread_keys
-from ...core.world.drive import Actor, Appearance
+from ...core.tracks.box_file import Track, track_from_json, track_to_json
 from ...editing.sampled.clock import Clock
 from ...preferences import interpreter
 from ...process.client import Client, Request, client, progress_line
@@ -67,30 +61,25 @@ def set_key(obj: bpy.types.Object, scene: bpy.types.Scene, clock: Clock) -> int 
     pose = pose_now(obj)
     there = sorted([*there, (time_s, pose.ravel().tolist())])
     about.drawn = json.dumps(there)
-    fresh = not drawn and not about.followed and obj.unisim_track.source == "person"
+    fresh = not drawn and about.source == "person"
     return 0 if fresh else None
 
 
-def ask(scene: bpy.types.Scene, obj: bpy.types.Object, fresh: int | None) -> None:
-    """Ask the worker to follow a box from its keys."""
-    source, about = source_of(scene), obj.unisim_track
+def ask(scene: bpy.types.Scene, obj: bpy.types.Object, track: Track, fresh: int | None) -> None:
+    """Ask the worker to follow a box from its keys; ``track`` is what it was before the newest one."""
+    source = source_of(scene)
     key = scene.name, obj.unisim.uid
     before = following.pop(key, None)
     if before is not None:
         before.worker.cancel(before.request)
-    worker = client(interpreter())
-    drawn = drawn_of(obj)
+    worker, drawn = client(interpreter()), drawn_of(obj)
+    if np.abs(np.array(obj.scale) - 1).max() > 1e-5:  # of another size, every span is followed again
+        track = replace(track, drawn_s=())
+    refine = scene.unisim_tracks.refine and len(drawn) == 1
     request = worker.ask(
-        "follow",
-        log=str(source.log_path),
-        size_m=size_now(obj).tolist(),
-        label=about.label,
-        drawn=drawn,
-        fresh=fresh,
-        before=json.loads(about.followed) if about.followed else None,
-        refine=scene.unisim_tracks.refine and len(drawn) == 1,
+        "follow", log=str(source.log_path), track=track_to_json(track), drawn=drawn, fresh=fresh, refine=refine
     )
-    following[key] = Waiting(worker, request, about.drawn)
+    following[key] = Waiting(worker, request, obj.unisim_track.drawn)
     while bpy.app.background and following:
         gather()
     run_soon(gather, POLL_S)
@@ -109,7 +98,9 @@ def gather() -> float | None:
         elif event["event"] == "followed":
             obj = None if scene is None else next((one for one in tracks_in(scene) if one.unisim.uid == key[1]), None)
             if obj is not None and obj.unisim_track.drawn == waiting.drawn:  # nothing was undone meanwhile
-                take(scene, obj, event["result"])
+                track = track_from_json(event["track"], "the followed box")
+                set_track(obj, track, source_of(scene).drive)
+                refresh([obj])
                 if not bpy.app.background:
                     bpy.ops.ed.undo_push(message="Track This")
         else:
@@ -119,70 +110,42 @@ def gather() -> float | None:
     return POLL_S if following else None
 
 
-def take(scene: bpy.types.Scene, obj: bpy.types.Object, result: dict[str, Any]) -> None:
-    """Let a box go where it was followed to."""
-    source, about = source_of(scene), obj.unisim_track
-    times, poses = np.array(result["times_s"]), np.array(result["poses"]).reshape(-1, 4, 4)
-    keys = spread_keys(times) if result["is_moving"] else [0]
-    path = Trajectory.from_poses(times[keys], poses[keys])
-    uid = obj.unisim.uid
-    settle(obj)
-    actor = Actor(
-        uid, about.label, np.array(result["size_m"]), path, float(times[0]) - HALF_FRAME_S, float(times[-1]) + HALF_FRAME_S,
-        len(keys) > 1, Appearance(uid),
-    )  # fmt: skip
-    about.drawn, about.followed = json.dumps(result["boxes"]), json.dumps(result)
-    seen = np.array(result["returns"])
-    about.returns, about.sweeps, about.certainty = int(seen.sum()), int((seen > 0).sum()), 1.0
-    place_track(obj, actor, source.drive)
-    refresh([obj])
+class SetsKeys(EditsObjects):
+    """What sets a key of the selected boxes at this frame."""
+
+    needs = (object_mode, drive, selected("Select a box first: draw one or find actors", "TRACK"))
+
+    def edit(self, context: bpy.types.Context) -> None:
+        clock = Clock.of(source_of(context.scene).drive)
+        for obj in chosen(context, "TRACK"):
+            self.set(context.scene, obj, clock)
+
+    def set(self, scene: bpy.types.Scene, obj: bpy.types.Object, clock: Clock) -> None:
+        """Set the key of a box."""
+        raise NotImplementedError
 
 
-class UNISIM_OT_track_this(EditsObjects, bpy.types.Operator):
+class UNISIM_OT_track_this(SetsKeys, bpy.types.Operator):
     """Follow the selected boxes through the sweeps from where they are now; where keys are there, only beside this one"""
 
     bl_label = "Track This"
-    needs = (object_mode, drive, selected("Select a box first: draw one or find actors", "TRACK"))
 
-    def edit(self, context: bpy.types.Context) -> None:
-        scene = context.scene
-        clock = Clock.of(source_of(scene).drive)
-        for obj in chosen(context, "TRACK"):
-            ask(scene, obj, set_key(obj, scene, clock))
-            if bpy.app.background and context.window_manager.unisim_following:
-                raise UnisimError(context.window_manager.unisim_following)
+    def set(self, scene: bpy.types.Scene, obj: bpy.types.Object, clock: Clock) -> None:
+        track = track_of(obj, clock, displaced=False)
+        ask(scene, obj, track, set_key(obj, scene, clock))
+        if bpy.app.background and (told := bpy.context.window_manager.unisim_following):
+            raise UnisimError(told)
 
 
-class UNISIM_OT_keep_box(EditsObjects, bpy.types.Operator):
+class UNISIM_OT_keep_box(SetsKeys, bpy.types.Operator):
     """Note that the selected boxes are right at this frame: what is corrected beside it ends here"""
 
     bl_label = "Keep Here"
-    needs = (object_mode, drive, selected("Select a box first: draw one or find actors", "TRACK"))
 
-    def edit(self, context: bpy.types.Context) -> None:
-        scene = context.scene
-        clock = Clock.of(source_of(scene).drive)
-        for obj in chosen(context, "TRACK"):
-            if displaced(obj):
-                raise UnisimError(message("{name}: was moved here; Track This follows it from there", name=obj.name))
-            set_key(obj, scene, clock)
-            about = obj.unisim_track
-            result = json.loads(about.followed) if about.followed else as_followed(track_of(obj, clock))
-            about.followed = json.dumps({**result, "boxes": drawn_of(obj)})
-
-
-def as_followed(track: Track) -> dict[str, Any]:
-    """Return a track as the result of following it."""
-    path, actor = track.actor.world_from_actor, track.actor
-    count = len(path.times_s)
-    return {
-        "times_s": path.times_s.tolist(),
-        "poses": path.poses.reshape(-1, 16).tolist(),
-        "certainty": [track.certainty] * count,
-        "returns": [0] * count,
-        "is_moving": bool(actor.is_moving),
-        "size_m": np.asarray(actor.size_m).tolist(),
-    }
+    def set(self, scene: bpy.types.Scene, obj: bpy.types.Object, clock: Clock) -> None:
+        if displaced(obj):
+            raise UnisimError(message("{name}: was moved here; Track This follows it from there", name=obj.name))
+        set_key(obj, scene, clock)
 
 
 class UNISIM_OT_stop_tracking(Needing, bpy.types.Operator):

@@ -15,9 +15,7 @@ from bpy.props import EnumProperty
 
 from ...bridge.importing.tracks import (
     exchange_actors,
-    halves,
     hide_actors,
-    joined,
     new_uid,
     put_track,
     saved_tracks,
@@ -33,7 +31,7 @@ from ...bridge.views.points import kind_of, sweep_of
 from ...bridge.window import Need, areas, choose, chosen, drive, object_mode, redraw, selected
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw
-from ...core.tracks.box_file import Track, default_path, is_box_file, read_boxes, write_boxes
+from ...core.tracks.box_file import Track, default_path, halves, is_box_file, joined, read_boxes, write_boxes
 from ...core.tracks.doubtful import DoubtfulPlace, doubtful_places
 from ...core.world.drive import Actor, Appearance
 from ...editing.sampled.clock import Clock
@@ -327,17 +325,9 @@ class UNISIM_OT_split_boxes(EditsObjects, bpy.types.Operator):
 
 def places_of(scene: bpy.types.Scene) -> tuple[DoubtfulPlace, ...]:
     """Return the doubtful places of the boxes that are shown."""
-    clock = Clock.of(source_of(scene).drive)
-    least, shown = scene.unisim_tracks.certainty, list[Track]()
-    certainty: dict[str, tuple[FloatArray, FloatArray]] = {}
-    for obj in tracks_in(scene):
-        if obj.unisim_track.certainty < least:
-            continue
-        shown.append(track_of(obj, clock))
-        if obj.unisim_track.followed:
-            result = json.loads(obj.unisim_track.followed)
-            certainty[obj.unisim.uid] = np.array(result["times_s"]), np.array(result["certainty"])
-    return doubtful_places(shown, clock.times_s, certainty)
+    clock, least = Clock.of(source_of(scene).drive), scene.unisim_tracks.certainty
+    shown = [track_of(obj, clock) for obj in tracks_in(scene) if obj.unisim_track.certainty >= least]
+    return doubtful_places(shown, clock.times_s)
 
 
 class UNISIM_OT_next_doubtful(Needing, bpy.types.Operator):
@@ -371,6 +361,30 @@ class UNISIM_OT_next_doubtful(Needing, bpy.types.Operator):
         text = f"{obj.name} {localized(Text(PLACE_TEXTS[place.kind], value=place.value))}"
         scene.unisim_tracks.place = json.dumps({"key": keys[at], "text": text, "number": at + 1, "count": len(places)})
         return {"FINISHED"}
+
+
+class UNISIM_OT_dismiss_doubtful(Needing, bpy.types.Operator):
+    """Note that the doubtful place that is shown is right, also in the file of boxes, and go to the next one"""
+
+    bl_label = "Dismiss"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @staticmethod
+    def shows_place(context: bpy.types.Context) -> Need:
+        """A doubtful place is shown."""
+        return context.scene.unisim_tracks.place, "Go to a doubtful place first"
+
+    needs = (object_mode, boxes_there, shows_place)
+
+    @reporting
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        scene = context.scene
+        uid, time_s, kind = json.loads(scene.unisim_tracks.place)["key"]
+        for obj in tracks_in(scene):
+            if obj.unisim.uid == uid:
+                about = obj.unisim_track
+                about.dismissed = json.dumps([*json.loads(about.dismissed or "[]"), [kind, time_s]])
+        return set(bpy.ops.unisim.next_doubtful())
 
 
 def look_at(context: bpy.types.Context, obj: bpy.types.Object) -> None:
@@ -414,6 +428,7 @@ class UNISIM_OT_save_boxes(Needing, AtOnce, bpy.types.Operator):
         saved = yield from in_thread(lambda: open_source(str(path), ""))
         take_tracks(scene)
         exchange_actors(scene, source.drive, saved)
+        scene.frame_set(scene.frame_current)  # what is shown of a frame is of the log that is open now
         scene.unisim_tracks.place = ""
         self.report(
             {"INFO"}, message("{path}: {count} boxes are the actors of the log now", path=path, count=len(tracks))

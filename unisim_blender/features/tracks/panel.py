@@ -56,6 +56,7 @@ class UNISIM_PT_boxes(DrivePanel, bpy.types.Panel):
         row = column.row(align=True)
         row.operator("unisim.next_doubtful", icon="ERROR")
         row.operator("unisim.next_doubtful", text="", icon="BACK").back = True
+        row.operator("unisim.dismiss_doubtful", text="", icon="CHECKMARK")
         place = json.loads(about.place or "null")
         column.label(text=f"{place['number']}/{place['count']}: {place['text']}" if place else "–", translate=False)
         settings_column(layout).prop(about, "show_sides")

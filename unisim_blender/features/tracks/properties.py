@@ -31,7 +31,8 @@ class UniSimTrack(bpy.types.PropertyGroup):
     size_m: FloatVectorProperty(size=3, description="Length, width and height without the scale of the object")
     present: StringProperty(description="From when to when the box is there, as JSON")
     drawn: StringProperty(description="Keys that a person set, as JSON")
-    followed: StringProperty(description="Newest result of following the box, as JSON")
+    unsure: StringProperty(description="Where following the box was doubtful, as JSON")
+    dismissed: StringProperty(description="Doubtful places that were looked at, as JSON")
 
 
 class UniSimTracks(bpy.types.PropertyGroup):

@@ -70,7 +70,7 @@ def ask_points() -> None:
     keys = None if above is None else keys_of(above)
     base = pose_now(obj) if above is None else np.array(above.matrix_world, float)
     place = tuple(np.round(base[:3, 3] / 0.5).tolist()) if above is None else ()
-    key = (scene.name, obj.unisim.uid, scene.frame_current, obj.unisim_track.followed[:400], place)
+    key = (scene.name, obj.unisim.uid, scene.frame_current, obj.unisim_track.drawn[:400], place)
     if shown.key == key or (shown.waiting is not None and shown.waiting[2] == key):
         return
     try:

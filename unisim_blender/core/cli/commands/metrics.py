@@ -47,7 +47,7 @@ def command(
     """
     from ...evaluation.autonomy.document import MetricsError, read_outputs
     from ...evaluation.autonomy.measure import AGREEMENT_IOU, confident, measure, metrics_table
-    from ...json_file import write_text
+    from ...files import write_file
 
     given, wanted = read_outputs(outputs), read_outputs(labels)
     thresholds: tuple[float, ...] | None = (AGREEMENT_IOU,) if agreement else None
@@ -57,7 +57,7 @@ def command(
     for line in metrics_table(metrics):
         click.echo(line)
     if out is not None:
-        write_text(out, json.dumps(metrics, indent=1) + "\n", MetricsError)
+        write_file(out, json.dumps(metrics, indent=1) + "\n", MetricsError)
         click.echo(f"Metrics: {out}")
 
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import click
@@ -31,20 +34,24 @@ from ..options import PATH, posed, poses_option
 )
 @click.option("--detector", metavar="NAME", help="An installed detector, whose tracks are fused with what is found.")
 @click.option("--report", "page", type=PATH, help="A page of HTML to write: a picture from above, tracks over time.")
+@click.option(
+    "--film", type=PATH, help="A film to write, .mp4 or .html: recorded images with the boxes, sweeps from above."
+)
 @poses_option("auto")
 @click.option("--quiet", is_flag=True, help="No progress bar.")
 def command(
-    log: Path, out: Path | None, certainty: float, boxes: Path | None, detector: str | None, page: Path | None, poses: Choice,
-    quiet: bool,
+    log: Path, out: Path | None, certainty: float, boxes: Path | None, detector: str | None, page: Path | None, film: Path | None,
+    poses: Choice, quiet: bool,
 ) -> None:  # fmt: skip
     """Find what moves and what stands as vehicles do in the sweeps of LOG, and write its tracks as a file of boxes.
 
     Such a file is opened as the log with these boxes: by train, info, render, convert, and in Blender.
     """
+    from ...export.film import write_log_film
     from ...files import write_file
     from ...formats.boxes import open_boxes, rows_of
     from ...formats.readers import drive_in, open_log
-    from ...tracks.box_file import default_path, write_boxes
+    from ...tracks.box_file import Track, default_path, write_boxes
     from ...tracks.detections import detected_boxes, detector_named, fused, linked
     from ...tracks.find import find_tracks, in_own_world
     from ...tracks.report import report
@@ -52,6 +59,19 @@ def command(
 
     recorded = open_log(log)
     rows, source = None, ""
+    if film is not None and film.suffix != ".html" and find_spec("imageio_ffmpeg") is None:
+        raise UnisimError(
+            f"--film {film}: needs imageio-ffmpeg: pip install imageio-ffmpeg, or give a path that ends with .html"
+        )
+
+    def shown_as(tracks: Sequence[Track]) -> None:
+        if page is not None:
+            write_file(page, report(recorded, tracks).encode())
+        if film is not None:
+            drive = replace(recorded.drive, actors={track.actor.uid: track.actor for track in tracks})
+            with Bar(total=len(drive.frames), unit="frame", desc="film", delay=0.5, disable=quiet) as bar:
+                write_log_film(recorded, drive, film, lambda done, total: bar.update())
+
     if boxes is not None and detector is not None:
         raise UnisimError(f"--boxes {boxes} and --detector {detector}: give one of the two")
     if boxes is not None:
@@ -60,6 +80,7 @@ def command(
             content = open_boxes(drive_in(log), boxes)
             write_boxes(out or default_path(log), recorded, content.tracks, content.source)
             click.echo(f"{out or default_path(log)}: {len(content.tracks)} tracks of {boxes}")
+            shown_as(content.tracks)
             return
     if detector is not None:
         chosen = detector_named(detector)
@@ -86,8 +107,7 @@ def command(
     tracks = tuple(track for track in tracks if track.certainty >= certainty)
     out = out or default_path(log)
     write_boxes(out, recorded, tracks, " and ".join(filter(None, ("unisim track", source))))
-    if page is not None:
-        write_file(page, report(recorded, tracks).encode())
+    shown_as(tracks)
     counts = Counter(f"{'moving' if track.actor.is_moving else 'standing'} {track.actor.label}" for track in tracks)
     click.echo(
         f"{out}: {len(tracks)} tracks: " + (", ".join(f"{n} {kind}" for kind, n in sorted(counts.items())) or "none")

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from ...errors import UnisimError, short
-from ...geometry import BoolArray, FloatArray
-from ...json_file import Node, read_json, write_text
+from ...files import write_file
+from ...geometry import BoolArray, FloatArray, convex_intersection_area
+from ...json_file import Node, read_json
 
 
 def bev_corners(boxes: FloatArray) -> FloatArray:
@@ -33,38 +34,6 @@ def bev_iou(a: FloatArray, b: FloatArray) -> FloatArray:
     shared = convex_intersection_area(bev_corners(first), bev_corners(second))
     out = np.zeros((len(a), len(b)))
     out[rows, columns] = shared / (a[rows, 2] * a[rows, 3] + b[columns, 2] * b[columns, 3] - shared)
-    return out
-
-
-def convex_intersection_area(polygons: FloatArray, clips: FloatArray) -> FloatArray:
-    """Area (P,) that convex polygons (P, K, 2) share with convex ``clips`` (P, E, 2), both counter-clockwise.
-
-    Sutherland and Hodgman, "Reentrant polygon clipping" (1974), all pairs at once.
-    """
-    for edge in range(clips.shape[1]):
-        start = clips[:, edge]
-        polygons = _cut(polygons, start, clips[:, (edge + 1) % clips.shape[1]] - start)
-    x, y = polygons[..., 0], polygons[..., 1]
-    return np.asarray(np.abs((x * np.roll(y, -1, 1) - np.roll(x, -1, 1) * y).sum(1)) / 2)
-
-
-def _cut(polygons: FloatArray, start: FloatArray, along: FloatArray) -> FloatArray:
-    """Clip polygons (P, K, 2) to the left of lines, each a point (P, 2) and a direction (P, 2). Return (P, K + 1, 2),
-    the last vertex repeated."""
-    pairs, vertices = polygons.shape[:2]
-    offset = polygons - start[:, None]
-    side = along[:, None, 0] * offset[..., 1] - along[:, None, 1] * offset[..., 0]
-    ahead, side_ahead = np.roll(polygons, -1, 1), np.roll(side, -1, 1)
-    inside = side >= 0
-    crosses = inside != (side_ahead >= 0)
-    t = side / np.where(crosses, side - side_ahead, 1.0)
-    points = np.stack([polygons, polygons + t[..., None] * (ahead - polygons)], 2).reshape(pairs, 2 * vertices, 2)
-    keep = np.stack([inside, crosses], 2).reshape(pairs, 2 * vertices)
-    order = np.argsort(~keep, 1, kind="stable")[:, : vertices + 1]
-    last = np.maximum(keep.sum(1) - 1, 0)
-    order = np.take_along_axis(order, np.minimum(np.arange(order.shape[1]), last[:, None]), 1)
-    out = np.take_along_axis(points, order[..., None], 1)
-    out[~keep.any(1)] = 0.0
     return out
 
 
@@ -218,7 +187,7 @@ def write_outputs(path: Path, outputs: ModelOutputs) -> None:
         "boxes": outputs.kind,
         "frames": [_frame_to_json(key, frame, outputs.scored) for key, frame in outputs.frames.items()],
     }
-    write_text(path, dumps(document, indent=1) + "\n", MetricsError)
+    write_file(path, dumps(document, indent=1) + "\n", MetricsError)
 
 
 def _frame_to_json(key: FrameKey, frame: FrameOutput, scored: bool) -> dict[str, Any]:
