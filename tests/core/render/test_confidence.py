@@ -12,6 +12,7 @@ from drive_frames import DriveFrames
 from unisim_blender.core import native
 from unisim_blender.core.geometry import Trajectory, invert_pose
 from unisim_blender.core.render import confidence
+from unisim_blender.core.render import recorded_depth as recorded_depth_module
 from unisim_blender.core.render.confidence import (
     CAMERA_WEIGHTS,
     LIDAR_WEIGHTS,
@@ -19,9 +20,9 @@ from unisim_blender.core.render.confidence import (
     RecordedDepth,
     ViewEvidence,
     probability,
-    recorded_depth,
 )
 from unisim_blender.core.render.lattice import Region
+from unisim_blender.core.render.recorded_depth import recorded_depth
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
@@ -43,7 +44,7 @@ def view_at(x: float, depth_m: float = WALL_M, actor: int = 0, time_s: float = 0
     depth = (depth_m / rays[..., 2]).astype(np.float32)
     pose = np.eye(4)
     pose[0, 3] = x
-    near, far = confidence._around(depth)
+    near, far = confidence.around(depth)
     return DepthView(time_s, pose, MODEL, 0.0, 0.0, 1 / 60, near, far, np.full(depth.shape, actor, np.int16))
 
 
@@ -120,7 +121,7 @@ def renderer() -> Renderer:
 
 def test_distances_come_from_the_cache(renderer: Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("UNISIM_CACHE", str(tmp_path))
-    monkeypatch.setattr(confidence, "VIEWS_PER_SENSOR", 2)
+    monkeypatch.setattr(recorded_depth_module, "VIEWS_PER_SENSOR", 2)
     backend = renderer.backend
     assert isinstance(backend, CompiledBackend)
     first = recorded_depth(backend, backend.observed[0])

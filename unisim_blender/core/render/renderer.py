@@ -37,10 +37,9 @@ from ..weather import camera as camera_weather
 from ..weather import lidar as lidar_weather
 from ..world.drive import Actor, Camera, Lidar
 from ..world.replay import WorldState
-from .confidence import RecordedDepth, ViewEvidence, probability, recorded_depth
+from .confidence import RecordedDepth, ViewEvidence, probability
 from .contact_shadow import SHADOW_CUTOFF_M, displaced, faded, shaded
 from .lattice import NEAR_BOXES, Region, SparseImage, Tile, aligned, fill_passes, progressive_strides
-from .observed_space import Observing
 from .quality import Quality
 from .tracer import NEAR_M, Array, Backend, Maps, Tracer
 from .visibility import Reach
@@ -541,14 +540,14 @@ class Renderer:
         """Return the maps that passes need, with those that confidence is computed from in its place."""
         if "confidence" not in passes:
             return set(passes)
-        evidence = {"depth", "instance", "opacity"} if isinstance(self.backend, Observing) else {"unsupported"}
+        evidence = {"depth", "instance", "opacity"} if hasattr(self.backend, "recorded_depth") else {"unsupported"}
         return set(passes) - {"confidence"} | evidence
 
     @property
     def recorded_depth(self) -> RecordedDepth | None:
         """Distances of the recorded images and sweeps, traced when they are first needed; None without a trained scene."""
-        if self._recorded_depth is None and isinstance(self.backend, Observing):
-            self._recorded_depth = recorded_depth(self.backend, self.backend.observed[0])
+        if self._recorded_depth is None and hasattr(self.backend, "recorded_depth"):
+            self._recorded_depth = self.backend.recorded_depth()
         return self._recorded_depth
 
     def evidence(

@@ -25,9 +25,10 @@ from ..errors import UnisimError, in_a_line, remedy_of, short, what_is_missing
 from ..formats.readers import drive_in, open_log
 from ..prepare.renderers import UNTRAINED_DEFAULT
 from ..render.changes import RenderedState, changed_regions, joined_where_cheaper
-from ..render.confidence import RecordedDepth, trace_recorded
+from ..render.confidence import RecordedDepth
 from ..render.lattice import Region
 from ..render.observed_space import ObservedSpace, Observing, cache_space, cached_space, observe_space
+from ..render.recorded_depth import trace_recorded
 from ..render.renderer import Renderer
 from ..render.tracers.surfels.build import Step, preliminary_surfels
 from ..render.tracers.surfels.cache import surfels_of
