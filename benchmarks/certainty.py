@@ -65,7 +65,7 @@ def _near(log: Log, track: Track) -> float:
         there = [other for other in labels if other.start_s <= time_s <= other.end_s]
         at = actor.world_from_actor.at(time_s)[:2, 3]
         away = [np.linalg.norm(other.world_from_actor.at(time_s)[:2, 3] - at) for other in there]
-        near.append(min(away, default=np.inf) < SAME_M)
+        near.append(bool(min(away, default=np.inf) < SAME_M))
     return float(np.mean(near))
 
 

@@ -63,7 +63,7 @@ def frame_boxes(
 ) -> FrameBoxes:
     """Return the boxes of a kind of motion when the beams of a frame's sweep pass them; ``numbers`` get new actors."""
     actors, poses = box_poses(drive, drive.lidars[lidar], frame)
-    rows = [i for i, actor in enumerate(actors) if motion_of(actor.label, classes) == kind]
+    rows = [i for i, actor in enumerate(actors) if _kind(actor.label, classes) == kind]
     poses, ego = poses[rows], drive.world_from_ego.at(drive.lidars[lidar].time_s[frame])[:2, 3]
     sizes = np.array([actors[i].size_m for i in rows]).reshape(-1, 3)
     away = np.linalg.norm(poses[:, :2, 3] - ego, axis=1)
@@ -80,6 +80,11 @@ def frame_boxes(
         returns,
         np.array([actors[i].is_moving for i in rows], bool),
     )
+
+
+def _kind(label: str, classes: Any) -> str | None:
+    """Return the kind of motion of a class; of a bicycle, that nuScenes and Argoverse 2 label for its rider, the rider's."""
+    return "deforming" if "bicycle" in label.lower() else motion_of(label, classes)
 
 
 def distances(a: FrameBoxes, b: FrameBoxes) -> FloatArray:

@@ -183,7 +183,7 @@ def test_a_doubtful_place_that_was_looked_at_is_gone_also_after_saving(bare: Any
 
 
 def test_points_are_of_the_frame_that_is_shown_after_undo_and_saving(bare: Any, truth: Drive) -> None:
-    def shown() -> set[int]:
+    def shown() -> set[float]:
         return {sweep_of(obj).frame for obj in imported_objects(bpy.context.scene, "POINTS")}
 
     boxes_of(bare, truth, Track(replace(a_car(truth, False), uid="one")))

@@ -20,7 +20,10 @@ from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.reuse import FrameReuse
 from unisim_blender.core.render.tracer import Backend
+from unisim_blender.core.scenario import apply_scenario, scenario_from_json
+from unisim_blender.core.scenario.context import EditContext
 from unisim_blender.core.sensors.frames import CAMERA_PASSES, LidarFrame
+from unisim_blender.core.simulation.edits import ScenarioDrive
 from unisim_blender.core.weather.atmosphere import backscatter, extinctions
 from unisim_blender.core.weather.lidar import (
     cell_length_m,
@@ -91,7 +94,7 @@ def test_weather_that_changes_nothing_leaves_the_bits_and_parts_have_those_of_th
 ) -> None:
     renderer = Renderer(loaded[kind], shadows=True)
     capture = Capture.of_frame(drive.cameras["front"], 1)
-    nothing = WeatherKeys({"rain_mm_h": ((0.0, 0.0), (0.1, 0.0), (0.2, 5.0)), "spray": ((0.0, 1.0),)})
+    nothing = WeatherKeys({"rain_mm_h": ((0.0, 0.0), (0.1, 0.0), (0.2, 5.0))})
     assert nothing.at(0.1) is None
     plain = render_image(renderer, states(renderer, drive, None), capture, CAMERA_PASSES)
     assert_same(render_image(renderer, states(renderer, drive, nothing), capture, CAMERA_PASSES), plain)
@@ -207,3 +210,14 @@ def test_sweeps_in_weather_depend_on_the_seed_and_the_time_alone(
     assert_same(render_sweep(Renderer(loaded["torch"]), foggy, capture, 3, FrameReuse()), first)
     other = states(renderer, drive, replace(FOG, constant=Weather(seed=5)))
     assert not np.array_equal(render_sweep(renderer, other, capture, 3).depth_m, first.depth_m)
+
+
+def test_the_closed_loop_is_in_the_scenarios_weather(drive: Drive) -> None:
+    document = {
+        "format": "unisim-scenario", "version": 1, "name": "w", "log": "log", "edits": [], "weather": {"visibility_m": 60}
+    }  # fmt: skip
+    scenario = scenario_from_json(document)
+    context = EditContext(scenario, drive, lambda path: {})
+    simulated = ScenarioDrive.of(scenario, context, 0, 500_000)
+    for one in (simulated.drive(), simulated.with_edits([]), apply_scenario(scenario, drive, lambda path: {})):
+        assert one.weather is not None and one.weather.at(0.3) == Weather(visibility_m=60.0)

@@ -232,10 +232,14 @@ def apply_scenario(scenario: Scenario, base_drive: Drive, scene_actors: SceneAct
             place = f"{scenario.path}: edits[{index}]"
             drive = edit.apply(drive, place, context)
         place = f"{scenario.path}: sensors"
-        drive = select_sensors(select_frames(drive, scenario), context)
-        return drive if scenario.weather is None else replace(drive, weather=weather_of(scenario.weather))
+        return select_sensors(with_weather(select_frames(drive, scenario), scenario), context)
     except TrajectoryError as fault:
         fail(place, str(fault))
+
+
+def with_weather(drive: Drive, scenario: Scenario) -> Drive:
+    """Return the drive in the scenario's weather."""
+    return drive if scenario.weather is None else replace(drive, weather=weather_of(scenario.weather))
 
 
 def select_frames(drive: Drive, scenario: Scenario) -> Drive:

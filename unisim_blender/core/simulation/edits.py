@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..geometry import split_trajectories
-from ..scenario import select_frames
+from ..scenario import select_frames, with_weather
 from ..scenario.context import PRESENCE_MARGIN_S, SENSOR_MARGIN_S, EditContext
 from ..scenario.edit import Edit
 from ..scenario.edits.ego import Ego
@@ -80,7 +80,7 @@ class ScenarioDrive:
             drive = edit.apply(drive, f"{scenario.path}: edits[{index}]", context)
         # the vehicle's own trajectory is the simulation's
         rules = replace(scenario, outside=Outside(actors_outside(scenario), "continue"))
-        drive = carried_outside(select_frames(drive, scenario), rules, (start_us, stop_us))
+        drive = carried_outside(with_weather(select_frames(drive, scenario), scenario), rules, (start_us, stop_us))
         beyond_s = stop_us / US_PER_SECOND if stop_us > recording_us(drive)[1] else None
         return ScenarioDrive(drive, context, beyond_s)
 

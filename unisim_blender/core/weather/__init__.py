@@ -1,4 +1,4 @@
-"""Weather in finished frames: fog, rain, snow, wet ground and spray, with the same parameters for cameras and LiDARs.
+"""Weather in finished frames: fog, rain and snow, with the same parameters for cameras and LiDARs.
 
 atmosphere.py    extinction and backscatter of fog, sizes of drops and flakes
 particles.py     drops and flakes, the same ones for every sensor

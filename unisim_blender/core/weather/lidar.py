@@ -38,8 +38,9 @@ MAX_FLUCTUATION = 12.0
 """Largest factor of an exponential distribution that is looked for: one draw in 160 000 is larger."""
 MAX_SOFT_M = 100.0
 """Largest range from which air is measured, metres."""
-MAX_PARTICLE_M = 8.0
-"""Largest range from which single particles are measured, metres."""
+MAX_PARTICLE_M, MAX_PARTICLES = 20.0, 200_000
+"""Largest range from which single particles are measured, metres, and number of a class within it all round the sensor: small
+particles are many, and are measured only near by."""
 SEAM_RAD = 0.05
 """Angle before a sweep's first column within which it, too, is looked for."""
 
@@ -154,12 +155,14 @@ def particle_returns(
     reflectivity = 2 * math.pi / LIDAR_RATIO_SR[group.kind]
     ranges = np.linspace(0.05, MAX_PARTICLE_M, 400)
     far_m = float(ranges[particle_power(group.largest_m, ranges, reflectivity, receiver) >= least].max(initial=0.1))
+    per_m3 = group.layers / group.cell_m**3
+    far_m = min(far_m, (MAX_PARTICLES / (4 / 3 * math.pi * per_m3)) ** (1 / 3))
     divergence = receiver.divergence_mrad * 1e-3
     parts = [(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))]
     for particles in group.inside(*finder.box(far_m), finder.middle_s, finder.near(far_m, divergence)):
         beams, which, distance = finder.hits(particles, divergence)
         power = particle_power(particles.diameters_m[which], distance, reflectivity, receiver)
-        strong = (power >= least) & (distance <= MAX_PARTICLE_M)
+        strong = (power >= least) & (distance <= far_m)
         parts.append((beams[strong], distance[strong], power[strong]))
     beams, distances, powers = (np.concatenate(values) for values in zip(*parts, strict=True))
     return beams, distances, powers

@@ -26,21 +26,19 @@ class Receiver:
 
 @dataclass(frozen=True)
 class Weather:
-    """The weather at one moment: ``visibility_m``, inf without fog; ``rain_mm_h`` and ``snow_mm_h`` of liquid water;
-    ``wetness`` of the ground in 0..1; ``spray``, a factor on the spray behind vehicles; ``seed`` of the particles."""
+    """The weather at one moment: ``visibility_m``, inf without fog; ``rain_mm_h`` and ``snow_mm_h`` of liquid water; ``seed``
+    of the particles and of random draws."""
 
     visibility_m: float = math.inf
     rain_mm_h: float = 0.0
     snow_mm_h: float = 0.0
-    wetness: float = 0.0
-    spray: float = 0.0
     seed: int = 0
     receiver: Receiver = Receiver()
 
     @property
     def is_clear(self) -> bool:
         """Whether a frame is what it is without weather."""
-        return math.isinf(self.visibility_m) and not (self.rain_mm_h or self.snow_mm_h or self.wetness)
+        return math.isinf(self.visibility_m) and not (self.rain_mm_h or self.snow_mm_h)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form; visibility is None without fog."""
