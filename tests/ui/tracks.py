@@ -15,7 +15,7 @@ import numpy as np
 from mathutils import Euler, Vector
 
 sys.path.insert(0, str(Path(__file__).parent))
-from buttons import found_at, open_panel, place_of, press
+from buttons import CROSS, found_at, open_panel, place_of, press
 from hands import click, key, middle, place, sidebar, to
 from session import MODULE, OUT, area, choose, inside, results, screenshot, start, until, view
 from tasks import arrived, install, task
@@ -215,7 +215,7 @@ def doubtful() -> Iterator[float]:
     results["place"] = about.place
     screenshot("doubtful")
     if before := json.loads(about.place or "null"):
-        yield from press("unisim.dismiss_doubtful", columns=(0.93, 0.9, 0.95))
+        yield from press("unisim.dismiss_doubtful", columns=(CROSS, 0.82))
         yield from until(lambda: json.loads(about.place or "{}").get("key") != before["key"], "it is not dismissed", 5)
         screenshot("dismissed")
 

@@ -54,11 +54,11 @@ def partial_file(path: Path) -> Iterator[Path]:
 def write_file(path: Path, data: bytes | str, error: type[UnisimError] = OutputError) -> None:
     """Write all of ``data``, or nothing. A text, as UTF-8, has then reached the disk. Raises ``error``."""
     try:
-        with partial_file(path) as temporary, temporary.open("wb") as file:
-            file.write(data.encode() if isinstance(data, str) else data)
+        with partial_file(path) as temporary:
+            temporary.write_bytes(data.encode() if isinstance(data, str) else data)
             if isinstance(data, str):
-                file.flush()
-                os.fsync(file.fileno())
+                with temporary.open("r+b") as file:
+                    os.fsync(file.fileno())
     except OutputError as fault:
         raise error(str(fault)) from fault
 

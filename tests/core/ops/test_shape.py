@@ -181,6 +181,36 @@ def test_free_space_is_asked_for_where_a_ray_stops_too_early(
     assert float(free.min()) == pytest.approx(low_m, abs=0.01) and float(free.max()) == pytest.approx(high_m, abs=0.01)
 
 
+@pytest.mark.parametrize(("nearer_m", "high_m"), ((0.0, 6.85), (0.35, 6.85), (2.0, 6.5)))
+def test_boxes_are_free_where_beams_passed(nearer_m: float, high_m: float) -> None:
+    """Up to returns inside of it, all of it before those behind it; half of the places are where beams enter."""
+    beams = sweep(8192)
+    model = SceneModel(preset("tiny").model, Volume(np.eye(4), np.full(3, 40.0)), ("a",), ())
+    model.ground.heights.fill_(-5)
+    shape = ShapeLosses(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
+    asked: list[Tensor] = []
+    low_m, size_m = WALL_X_M - 0.5 - nearer_m, (2.0, 0.6, 0.6)
+
+    def distance(tables: Tensor, x: Tensor, actor: Tensor) -> Tensor:
+        asked.append(x[:, 0] * size_m[0] + low_m)
+        return torch.full_like(x[:, 0], 0.05)
+
+    model.actors.signed_distance = distance  # type: ignore[method-assign]
+    model.static.signed_distance = lambda x: WALL_X_M - x[:, 0]  # type: ignore[method-assign]
+    with torch.no_grad():
+        trace = box_ahead(size_m, beams, WALL_X_M - nearer_m)
+        band, _ = shape.sdf_band(torch.zeros(0), trace, beams, torch.Generator().manual_seed(0))
+    passed = asked[0]
+    assert len(passed) == len(beams.rays) // 2
+    assert float(passed.min()) == pytest.approx(low_m, abs=0.01) and float(passed.max()) == pytest.approx(
+        high_m, abs=0.01
+    )
+    at_face, evenly = (passed < low_m + 0.1).float().mean(), 0.1 / (high_m - low_m)
+    assert float(at_face) == pytest.approx(0.5 + 0.5 * evenly, abs=0.03)
+    if nearer_m > 1:
+        assert float(band) == pytest.approx(0.5 * (0.15 - 0.05), rel=0.05)
+
+
 def test_a_surface_is_held_as_closely_from_behind_as_from_before() -> None:
     """Returns that scatter about it move it to neither side: offsets are as dense on both."""
     model = SceneModel(preset("tiny").model, Volume(np.eye(4), np.full(3, 40.0)), (), ())

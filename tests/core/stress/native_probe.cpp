@@ -36,15 +36,16 @@ extern "C" void probe_halves(float *out) {
     for (uint32_t h = 0; h < 65536; ++h) out[h] = float_of(static_cast<uint16_t>(h));
 }
 
-// Four halves at a time, as tables of four features are read; one at a time where the instruction set has no such conversion.
-extern "C" void probe_halves_by_four(float *out) {
-    for (uint32_t h = 0; h < 65536; h += 4) {
-        const uint16_t row[4] = {static_cast<uint16_t>(h), static_cast<uint16_t>(h + 1), static_cast<uint16_t>(h + 2),
-                                 static_cast<uint16_t>(h + 3)};
+// Two rows of four halves at a time, as tables of four features are read; one at a time where the instruction set has no such
+// conversion.
+extern "C" void probe_halves_in_rows(float *out) {
+    for (uint32_t h = 0; h < 65536; h += 8) {
+        uint16_t row[8];
+        for (uint32_t i = 0; i < 8; ++i) row[i] = static_cast<uint16_t>(h + i);
 #if defined(__F16C__)
-        _mm_storeu_ps(out + h, four(row));
+        _mm256_storeu_ps(out + h, two_rows(row, row + 4));
 #else
-        for (int i = 0; i < 4; ++i) out[h + i] = float_of(row[i]);
+        for (int i = 0; i < 8; ++i) out[h + i] = float_of(row[i]);
 #endif
     }
 }

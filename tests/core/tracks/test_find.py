@@ -397,7 +397,7 @@ def test_a_wall_is_no_vehicle_and_a_cone_a_doubtful_candidate() -> None:
 
 def test_a_piece_of_a_hedge_is_less_certain_than_the_same_alone() -> None:
     low, high = np.array([5, 3, 0.3]), np.array([9.5, 4.8, 1.5])
-    box, hedge = standing_box(voxels(low, high)), voxels(low - [2, 0, 0], high + [2, 0, 0])
+    box, hedge = standing_box(voxels(low, high)), voxels(low - np.array([2.0, 0, 0]), high + np.array([2.0, 0, 0]))
     assert box is not None and chance(box, hedge) < chance(box, voxels(low, high)) - 0.05
 
 

@@ -252,6 +252,11 @@ def test_a_device_draws_beams_as_the_host_does(log: Log) -> None:
     mine, host = DeviceSweeps(lidar, "cpu").sample(1000), lidar.sample(np.random.default_rng(0), 1000)
     assert int(mine.returned.sum()) == int(host.returned.sum()) and len(mine.rays) == 1000
     assert sorted(set(mine.weight.tolist())) == pytest.approx(sorted(set(host.weight.tolist())))
+    assert len(lidar.of_actors) > 5
+    of_actors = set(map(tuple, lidar.directions[lidar.of_actors].tolist()))
+    counts = [sum(tuple(d) in of_actors for d in batch.rays.directions.tolist()) for batch in (mine, host)]
+    even = 850 * len(of_actors) / lidar.returned.sum()
+    assert min(counts) > 2 * even and abs(counts[0] - counts[1]) < 6 * np.sqrt(sum(counts))
     at = {tuple(d): t for d, t in zip(lidar.directions.tolist(), lidar.depth_m.tolist(), strict=True)}
     assert all(at[tuple(d)] == t for d, t in zip(mine.rays.directions.tolist(), mine.depth_m.tolist(), strict=True))
 

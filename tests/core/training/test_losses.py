@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,8 @@ from torch import Tensor
 
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.ops.composite import composite
-from unisim_blender.core.ops.ray_segments import RayBatch, RaySegments
+from unisim_blender.core.ops.field_values import SignedDistances
+from unisim_blender.core.ops.ray_segments import ActorSegments, RayBatch, RaySegments, StaticSegments
 from unisim_blender.core.ops.segment_trace import SegmentTrace
 from unisim_blender.core.training.batches.data import PatchBatch
 from unisim_blender.core.training.batches.sweeps import LidarBatch
@@ -201,6 +203,45 @@ def test_the_worst_rays_are_left_out_but_what_they_passed_is_free() -> None:
     assert not bool(good[:8].any()) and float(terms["free"]) < right + 0.01, (
         "behind a return among the worst anything may be"
     )
+
+
+def stopped(n: int, boxes: int, early_m: float, depth_m: float) -> tuple[SegmentTrace, LidarBatch]:
+    """Beams that come back at a distance; opaque fields stop them: those of boxes too early, the static one at it."""
+    some, others = torch.arange(boxes), torch.arange(boxes, n)
+    parts: list[RaySegments] = []
+    for ray, stop_m, kind in ((some, depth_m - early_m, ActorSegments), (others, depth_m, StaticSegments)):
+        t = torch.full((len(ray), 1), stop_m)
+        own: dict[str, Any] = {}
+        if kind is ActorSegments:
+            own = dict(
+                actor_set=0, actor=torch.zeros(len(ray), dtype=torch.long), t_near=t[:, 0] - 0.01, t_far=t[:, 0] + 1.0,
+                world_from_box=torch.eye(3).expand(len(ray), 3, 3), size_m=torch.ones(len(ray), 3),
+            )  # fmt: skip
+        parts.append(kind(
+            ray=ray, t=t, features=torch.zeros(len(ray), 1, 2), tau=torch.full_like(t, 12.0), stop_fraction=torch.zeros_like(t),
+            values=SignedDistances(torch.zeros_like(t)), points=torch.zeros(len(ray), 1, 3), density="logistic",
+            beta=torch.tensor(20.0), **own,
+        ))  # fmt: skip
+    found = composite(n, parts, [2], torch.zeros(n, 2))
+    trace = SegmentTrace(
+        found.feature, found.depth_m, found.opacity, found.transmittance_after, found.depth_m, found.opacity, tuple(parts),
+        found.weights, 0,
+    )  # fmt: skip
+    rays = RayBatch(torch.zeros(n, 3), torch.ones(n, 3), torch.zeros(n).double())
+    return trace, LidarBatch(
+        rays, torch.full((n,), depth_m), torch.ones(n), torch.ones(n, dtype=torch.bool), torch.ones(n)
+    )
+
+
+def test_a_walker_of_few_returns_is_not_left_out() -> None:
+    """Four beams of 200 stop at the face of a walker's box, half a metre before what returned them, 15 m away: among all they
+    are the worst, and within what a beam that grazes the road may be off."""
+    trace, batch = stopped(200, 4, 0.5, 15.0)
+    terms, good = lidar_terms(trace, batch, torch.ones_like(batch.returned))
+    assert bool(good[:4].any()) and float(terms["depth"]) > 0.5 / 200
+    assert float(terms["free"]) == pytest.approx(4 / 200, rel=0.01)
+    trace, batch = stopped(200, 4, 0.15, 15.0)
+    assert float(lidar_terms(trace, batch, torch.ones_like(batch.returned))[0]["free"]) < 1e-4
 
 
 def vgg_state(tmp_path: Path) -> dict[str, Tensor]:

@@ -34,6 +34,7 @@ from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.training import seeding
 from unisim_blender.core.training.batches.data import LidarData
+from unisim_blender.core.training.batches.sweeps import boxes_of, some_of_each
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.loop import train
 from unisim_blender.core.training.seeding import AWAY_M, free_away, seed_voxels, sized
@@ -104,8 +105,9 @@ def test_static_returns_are_those_in_no_box() -> None:
     data.directions = (to / data.depth_m[:, None]).astype(np.float32)
     data.returned = rng.random(count) < 0.9
     data._hits = np.flatnonzero(data.returned)
-
     points, times = data.points, data.time_s[data._hits]
+    owner = boxes_of(points, times, [still, moving])
+    data._static = owner < 0
     inside = [
         any(
             actor.present(t) and points_in_box(p[None], actor.world_from_actor.at(t), np.asarray(actor.size_m) + 0.2)[0]
@@ -114,9 +116,15 @@ def test_static_returns_are_those_in_no_box() -> None:
         for p, t in zip(points, times, strict=True)
     ]
     assert 100 < sum(inside) < len(inside) - 100
-    origins, static = data.static_returns([still, moving])
+    origins, static = data.static_returns()
     np.testing.assert_array_equal(static, points[~np.array(inside)])
     assert origins.shape == static.shape
+    some = some_of_each(owner, 40)
+    for number in range(2):
+        of_actor, chosen = np.flatnonzero(owner == number), some[owner[some] == number]
+        assert len(of_actor) > 50 and len(np.unique(chosen)) == 40
+        assert np.diff(np.searchsorted(of_actor, chosen)).max() <= np.ceil(len(of_actor) / 40)
+    np.testing.assert_array_equal(some_of_each(owner, 10_000), np.flatnonzero(owner >= 0))
 
 
 def drive_along(metres: float, turn_deg: float, yaw_deg: float = 20.0, frames: int = 101) -> Drive:

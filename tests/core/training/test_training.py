@@ -400,7 +400,7 @@ def test_samples_stand_still_and_are_denser_in_the_end_and_rates_fall_further(
 
 
 def test_sweeps_give_returns_and_drops(log: Log) -> None:
-    data = LidarData(log, ["pandar64"], [0, 1], np.zeros(3))
+    data = LidarData(log, ["pandar64"], [0, 1], np.zeros(3), log.drive.actors.values())
     batch = data.sample(np.random.default_rng(0), 400)
     assert int(batch.returned.sum()) == 340
     np.testing.assert_array_equal(batch.depth_m.numpy() > 0, batch.returned.numpy())
@@ -408,7 +408,7 @@ def test_sweeps_give_returns_and_drops(log: Log) -> None:
     # weighted, drops count as often as they occur
     assert float((batch.weight * batch.returned).mean()) == pytest.approx(share, abs=1e-6)
     assert float(batch.weight.mean()) == pytest.approx(1, abs=1e-6)
-    origins, points = data.static_returns(log.drive.actors.values())
+    origins, points = data.static_returns()
     assert origins.shape == points.shape and 0 < len(points) <= len(data.points)
 
 

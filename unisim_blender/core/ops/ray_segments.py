@@ -100,6 +100,17 @@ class ActorSegments(FieldSegments):
     world_from_box: Tensor
     size_m: Tensor
 
+    def contain(self, depth_m: Tensor) -> Tensor:
+        """Return (P,) bool whether depths (P,) along the rays lie in their boxes."""
+        return (depth_m > self.t_near) & (depth_m < self.t_far)
+
+    def at(self, depth_m: Tensor) -> Tensor:
+        """Return the points (P, 3) at depths (P,) along the rays, unit cubes, in which or not."""
+        # they lie on a line: two of them tell where any is
+        t0, t1 = self.t[:, :1], self.t[:, -1:]
+        p0, p1 = self.points[:, 0], self.points[:, -1]
+        return p0 + (depth_m[:, None] - t0) / (t1 - t0).clamp_min(1e-4) * (p1 - p0)
+
 
 @dataclass(frozen=True)
 class MeshSegments(RaySegments):

@@ -292,20 +292,29 @@ class Renderer:
         return exposure
 
     def _finished(self, exposure: _Exposure, frame: CameraFrame, region: Region) -> CameraFrame:
-        """Return the frame of a region in the state's weather, without passes that only the weather needs, and blank
-        where its lens shows nothing."""
-        if exposure.airlight is not None and exposure.state.weather is not None:
-            if exposure.particles is None:
-                drawn = camera_weather.drawn_particles(exposure.camera, exposure.time_s, exposure.state.weather)
-                exposure.particles = drawn
-            rows, columns = slice(region.top, region.bottom), slice(region.left, region.right)
-            frame.rgb = camera_weather.weathered(
-                frame, exposure.state.weather, exposure.airlight, exposure.particles, rows, columns,
-                exposure.camera.model.width,
-            )  # fmt: skip
-            if "depth" not in exposure.passes:
-                frame.depth_m = frame.z_depth_m = None
+        """Return the frame of a region in the state's weather, blank where its lens shows nothing."""
+        self._put_in_weather(exposure, frame, region)
         return _blanked(frame, region)
+
+    def _put_in_weather(self, exposure: _Exposure, frame: CameraFrame, region: Region | None) -> None:
+        """Change a frame's colours by the state's weather, and leave out depths that only the weather needs; None: of a
+        preview, without particles."""
+        weather = exposure.state.weather
+        if exposure.airlight is None or weather is None:
+            return
+        drawn, rows, columns = None, slice(0), slice(0)
+        if region is not None:
+            if exposure.particles is None:
+                exposure.particles = camera_weather.drawn_particles(exposure.camera, exposure.time_s, weather)
+            drawn, rows, columns = (
+                exposure.particles,
+                slice(region.top, region.bottom),
+                slice(region.left, region.right),
+            )
+        width = exposure.camera.model.width
+        frame.rgb = camera_weather.weathered(frame, weather, exposure.airlight, drawn, rows, columns, width)
+        if region is None or "depth" not in exposure.passes:
+            frame.depth_m = frame.z_depth_m = None
 
     def _shadowing(self, state: WorldState, camera: Camera) -> list[Actor]:
         """Return the actors under which a camera sees contact shadows."""
@@ -399,9 +408,7 @@ class Renderer:
                     few.get("depth"),
                     unsupported=few.get("unsupported"),
                 )
-                if exposure.airlight is not None and exposure.state.weather is not None:
-                    preview.rgb = camera_weather.weathered(preview, exposure.state.weather, exposure.airlight)
-                    preview.depth_m = None
+                self._put_in_weather(exposure, preview, None)
                 yield Tile(preview, region, (stride, stride), (rows.start, columns.start))
                 continue
             part = region._replace(

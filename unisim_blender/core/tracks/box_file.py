@@ -57,7 +57,7 @@ class Track:
 
 NOTED = {"drawn_s": 0, "unsure": 0, "dismissed": 1}
 """What is noted at times of a track, and where in it the time stands."""
-MOVED_M = 0.5
+LEAST_PATH_M = 0.5
 """A track of several moves where it gets further from its first place."""
 
 
@@ -75,7 +75,7 @@ def joined(first: Track, others: Sequence[Track]) -> Track:
         spans.append((ends[0], ends[1]))
     times, actors = sorted(keys), [track.actor for track in order]
     path = Trajectory.from_poses(np.array(times), np.array([keys[time] for time in times]))
-    is_moving = bool(np.linalg.norm(path.positions[:, :2] - path.positions[0, :2], axis=1).max() > MOVED_M)
+    is_moving = bool(np.linalg.norm(path.positions[:, :2] - path.positions[0, :2], axis=1).max() > LEAST_PATH_M)
     actor = replace(
         first.actor,
         world_from_actor=path if is_moving else first.actor.world_from_actor,

@@ -130,8 +130,8 @@ class TrainingSetup:
         self.choice = PixelChoice(self.cameras.rooms(shapes.upsample), self.cameras.actors())
         self.lidar: LidarData | SweepWindow
         if window is None:
-            self.lidar = LidarData(log, self.lidars, config.frames, self.volume.corner)
-            origins, points = self.lidar.static_returns(actors)
+            self.lidar = LidarData(log, self.lidars, config.frames, self.volume.corner, actors)
+            origins, points = self.lidar.static_returns()
         else:
             self.lidar = window
             origins, points = window.static_returns()

@@ -28,7 +28,7 @@ from ...world.drive import Actor, Camera, CameraModel
 from ...world.own_rates import captures_of
 from ..seeding import VoxelEvidence
 from .images import ImageStore, ImageView, ImageWindow, LoadedImages, PixelBuffer, PixelDraw, all_images_fit
-from .sweeps import LidarBatch, SweepRef, lidar_batch, outside_boxes, ray_batch
+from .sweeps import ACTOR_RETURNS, LidarBatch, SweepRef, boxes_of, drawn_of_actors, lidar_batch, ray_batch, some_of_each
 
 LEAST_SHOWN = 0.5
 """Least share of a patch's pixels that the lens shows."""
@@ -298,12 +298,21 @@ def lidar_captures(log: Log, lidars: Sequence[str], frames: Sequence[int]) -> li
 
 class LidarData:
     """All rays of some sweeps, drops included, the ego vehicle's own cells left out; origins are measured from
-    ``corner`` (3,), world frame. Without ``lidars`` there is none; with them LogError where the
-    frames have no sweep."""
+    ``corner`` (3,), world frame. Returns in the boxes of ``actors`` are drawn more often. Without ``lidars`` there is none;
+    with them LogError where the frames have no sweep."""
 
-    def __init__(self, log: Log, lidars: Sequence[str], frames: Sequence[int], corner: FloatArray) -> None:
+    def __init__(
+        self,
+        log: Log,
+        lidars: Sequence[str],
+        frames: Sequence[int],
+        corner: FloatArray,
+        actors: Iterable[Actor] = (),
+    ) -> None:
         self.corner = corner
-        parts: dict[str, list[NDArray[Any]]] = {k: [] for k in ("o", "d", "t", "depth", "intensity", "returned")}
+        names = ("o", "d", "t", "depth", "intensity", "returned", "static", "own")
+        parts: dict[str, list[NDArray[Any]]] = {k: [] for k in names}
+        actors = list(actors)
         for capture in lidar_captures(log, lidars, frames):
             rays = known_rays(log, *capture)
             parts["o"].append((rays.origins - corner).astype(np.float32))
@@ -312,11 +321,19 @@ class LidarData:
             parts["depth"].append(rays.depth_m)
             parts["intensity"].append(rays.intensity)
             parts["returned"].append(rays.returned)
+            hits = rays.returned
+            points = rays.origins[hits] + rays.directions[hits] * rays.depth_m[hits, None]
+            owner = boxes_of(points, rays.time_s[hits], actors)
+            own = np.zeros(len(owner), bool)
+            own[some_of_each(owner, ACTOR_RETURNS)] = True
+            parts["static"].append(owner < 0)
+            parts["own"].append(own)
         whole = {k: np.concatenate(v) if v else np.zeros((0, 3) if k in "od" else 0) for k, v in parts.items()}
         whole["returned"] = whole["returned"].astype(bool)
         self.origins, self.directions, self.time_s = whole["o"], whole["d"], whole["t"]
         self.depth_m, self.intensity, self.returned = whole["depth"], whole["intensity"], whole["returned"]
         self._hits, self._drops = np.flatnonzero(self.returned), np.flatnonzero(~self.returned)
+        self._static, self.of_actors = whole["static"].astype(bool), self._hits[whole["own"].astype(bool)]
 
     @property
     def points(self) -> FloatArray:
@@ -332,17 +349,17 @@ class LidarData:
         """Nothing changes from step to step."""
         return []
 
-    def static_returns(self, actors: Iterable[Actor]) -> tuple[FloatArray, FloatArray]:
+    def static_returns(self) -> tuple[FloatArray, FloatArray]:
         """Origins and points (N, 3) of the returns that lie in none of the actors' boxes."""
-        points, h = self.points, self._hits
-        outside = outside_boxes(points, self.time_s[h], actors)
-        return self.corner + self.origins[h][outside], points[outside]
+        return self.corner + self.origins[self._hits[self._static]], self.points[self._static]
 
     def sample(self, rng: np.random.Generator, count: int, drops: float = 0.15) -> LidarBatch:
         """``count`` random rays, a share of them drops."""
         n_drops = int(count * drops) if len(self._drops) else 0
+        n_own = int((count - n_drops) * drawn_of_actors(len(self.of_actors), len(self._hits)))
         index = np.concatenate([
-            self._hits[rng.integers(len(self._hits), size=count - n_drops)],
+            self._hits[rng.integers(len(self._hits), size=count - n_drops - n_own)],
+            self.of_actors[rng.integers(len(self.of_actors), size=n_own)] if n_own else np.zeros(0, np.int64),
             self._drops[rng.integers(len(self._drops), size=n_drops)] if n_drops else np.zeros(0, np.int64),
         ])  # fmt: skip
         share = len(self._drops) / (len(self._drops) + len(self._hits))

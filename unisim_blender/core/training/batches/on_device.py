@@ -17,7 +17,7 @@ from ...sensors.unprojection import has_direction
 from ...world.replay import PaddedKeys
 from .data import CameraData, LidarData, PatchBatch
 from .images import ERROR_DECAY, EVEN, PixelChoice
-from .sweeps import LidarBatch
+from .sweeps import LidarBatch, drawn_of_actors
 
 
 def _one_after_the_other(parts: Sequence[NDArray[Any]], device: str) -> tuple[Tensor, Tensor]:
@@ -37,11 +37,13 @@ class DeviceSweeps:
         self.time_s, self.returned = (torch.as_tensor(array).to(device) for array in (lidar.time_s, lidar.returned))
         marks = lidar.returned, ~lidar.returned
         self.hits, self.drops = (torch.as_tensor(np.flatnonzero(mark)).to(device) for mark in marks)
+        self.of_actors = torch.as_tensor(lidar.of_actors).to(device)
 
     def sample(self, count: int, drops: float = 0.15) -> LidarBatch:
         """`LidarData.sample` by the device's own random numbers."""
         n_drops = int(count * drops) if len(self.drops) else 0
-        kinds = ((self.hits, count - n_drops), (self.drops, n_drops))
+        n_own = int((count - n_drops) * drawn_of_actors(len(self.of_actors), len(self.hits)))
+        kinds = ((self.hits, count - n_drops - n_own), (self.of_actors, n_own), (self.drops, n_drops))
         index = torch.cat(
             [rows[torch.randint(len(rows), (number,), device=rows.device)] for rows, number in kinds if number]
         )

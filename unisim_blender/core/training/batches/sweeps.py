@@ -13,10 +13,11 @@ from torch import Tensor
 
 from ...data.log import Log
 from ...data.sweep_cells import known_rays
-from ...geometry import BoolArray, FloatArray, invert_pose, transform_points
+from ...geometry import FloatArray, invert_pose, transform_points
 from ...ops.ray_segments import RayBatch
 from ...world.drive import Actor, Drive
 from ..seeding import VoxelEvidence
+from .images import MOST_OFTEN
 from .window import Window
 
 
@@ -64,13 +65,17 @@ def lidar_batch(
     )
 
 
-def outside_boxes(points: FloatArray, times: FloatArray, actors: Iterable[Actor]) -> BoolArray:
-    """Which points (N, 3), world frame, of these times (N,) lie in none of the actors' boxes: (N,)."""
+def boxes_of(points: FloatArray, times: FloatArray, actors: Iterable[Actor]) -> NDArray[np.int32]:
+    """Return the number (N,) of an actor in whose box, a little enlarged, points (N, 3), world frame, of these times (N,) lie;
+    -1 for those in none."""
     # sorted by one coordinate, what a box can hold is a slice
     order = np.argsort(points[:, 0])
     ordered, times = points[order], times[order]
-    inside = np.zeros(len(points), bool)
-    for actor in actors:
+    owner = np.full(len(points), -1, np.int32)
+    first_s, last_s = times.min(initial=np.inf), times.max(initial=-np.inf)
+    for number, actor in enumerate(actors):
+        if actor.start_s > last_s or actor.end_s < first_s:
+            continue
         trajectory, enlarged = actor.world_from_actor, np.asarray(actor.size_m) + 0.2
         radius = np.linalg.norm(enlarged) / 2
         low, high = trajectory.positions.min(0) - radius, trajectory.positions.max(0) + radius
@@ -83,8 +88,22 @@ def outside_boxes(points: FloatArray, times: FloatArray, actors: Iterable[Actor]
         close = ((ordered[at] - trajectory.positions_at(when)) ** 2).sum(1) <= radius**2
         at, when = at[close], when[close]
         local = transform_points(invert_pose(trajectory.at(when)), ordered[at][:, None])[:, 0]
-        inside[order[at]] |= (np.abs(local) <= enlarged / 2).all(1)
-    return ~inside
+        owner[order[at[(np.abs(local) <= enlarged / 2).all(1)]]] = number
+    return owner
+
+
+def some_of_each(owner: NDArray[np.int32], most: int) -> NDArray[np.int64]:
+    """Return numbers of the points of each owner (N,), evenly spread ``most`` of them at most; -1 is none."""
+    owned = np.flatnonzero(owner >= 0)
+    owned = owned[np.argsort(owner[owned], kind="stable")]
+    _, first, of_owner, counts = np.unique(owner[owned], return_index=True, return_inverse=True, return_counts=True)
+    place, count = np.arange(len(owned)) - first[of_owner], counts[of_owner]
+    return np.sort(owned[place * most // count != (place - 1) * most // count])
+
+
+def drawn_of_actors(of_actors: int, hits: int) -> float:
+    """Return the share of the returns drawn that is drawn from those of actors, of which a sweep has so many among its hits."""
+    return min(ACTOR_SHARE, MOST_OFTEN * of_actors / max(hits, 1))
 
 
 SweepRef = tuple[str, int]
@@ -105,6 +124,9 @@ FIRST_EVERY_M, FIRST_SWEEPS = 60.0, (12, 64)
 returns from tens of metres around tell of the ground and of where to look for surfaces."""
 AHEAD = 4
 """Sweeps that are read before their step comes."""
+ACTOR_SHARE, ACTOR_RETURNS = 0.2, 256
+"""Share of the returns drawn that is drawn from actors' alone, at most, and how many of an actor's in a sweep are then drawn from
+at most: a walker has a thousandth of a sweep's returns, and even draws would teach little of the walker."""
 STEPS_PER_SWEEP = 4
 """Steps from one sweep that a window takes in to the next."""
 
@@ -164,8 +186,8 @@ class SweepWindow:
         self._origins, self._directions = (np.zeros((slots, self._rays, 3), np.float32) for _ in range(2))
         self._depth_m, self._intensity = (np.zeros((slots, self._rays), np.float32) for _ in range(2))
         self._time_s = np.zeros((slots, self._rays))
-        self._counts = np.zeros((slots, 2), np.int64)
-        """Rays of each slot: its hits, which come first, and its drops."""
+        self._counts = np.zeros((slots, 3), np.int64)
+        """Rays of each slot: its hits, which come first, its drops, and those hits, the first, that are drawn of actors."""
         self._evidence: dict[int, VoxelEvidence] = {}
         self._first: dict[int, tuple[FloatArray, FloatArray] | None] = dict.fromkeys(first)
         """Static returns of the first sweeps, until they are asked for."""
@@ -215,9 +237,12 @@ class SweepWindow:
     def sample(self, rng: np.random.Generator, count: int, drops: float = 0.15) -> LidarBatch:
         """``count`` random rays, a share of them drops."""
         slots = self._window.slot[self._drawable]
-        hits, missed = self._counts[slots].T
+        hits, missed, own = self._counts[slots].T
         n_drops = int(count * drops) if missed.any() else 0
-        slot, ray = _pick(rng, slots, hits, count - n_drops)
+        n_own = int((count - n_drops) * drawn_of_actors(int(own.sum()), int(hits.sum())))
+        slot, ray = _pick(rng, slots, hits, count - n_drops - n_own)
+        if n_own:
+            slot, ray = (np.append(a, b) for a, b in zip((slot, ray), _pick(rng, slots, own, n_own), strict=True))
         if n_drops:
             other, at = _pick(rng, slots, missed, n_drops)
             slot, ray = np.append(slot, other), np.append(ray, self._counts[other, 0] + at)
@@ -231,28 +256,22 @@ class SweepWindow:
         order = np.argsort(~rays.returned, kind="stable")
         if len(order) > self._rays:
             order = order[np.linspace(0, len(order) - 1, self._rays).round().astype(np.int64)]
+        hits, drops = np.split(order, [int(rays.returned[order].sum())])
+        origins, times = rays.origins[hits], rays.time_s[hits]
+        points = origins + rays.directions[hits] * rays.depth_m[hits, None]
+        owner = boxes_of(points, times, self._actors)
+        own = some_of_each(owner, ACTOR_RETURNS)
+        order = np.concatenate([hits[own], np.delete(hits, own), drops])
         n = len(order)
         self._origins[slot, :n] = rays.origins[order] - self.corner
         self._directions[slot, :n] = rays.directions[order]
         self._time_s[slot, :n], self._depth_m[slot, :n] = rays.time_s[order], rays.depth_m[order]
         self._intensity[slot, :n] = rays.intensity[order]
-        hits = int(rays.returned[order].sum())
-        self._counts[slot] = hits, n - hits
-        origins, points = self._static(slot)
+        self._counts[slot] = len(hits), len(drops), len(own)
+        origins, points = origins[owner < 0], points[owner < 0]
         if sweep in self._first:
             self._first[sweep] = origins, points
         self._evidence[sweep] = self._mark(origins, points)
-
-    def _static(self, slot: int) -> tuple[FloatArray, FloatArray]:
-        n = self._counts[slot, 0]
-        times = self._time_s[slot, :n]
-        origins = self.corner + self._origins[slot, :n]
-        points = origins + self._directions[slot, :n] * self._depth_m[slot, :n, None].astype(np.float64)
-        if not n:
-            return origins, points
-        begin, end = times.min(), times.max()
-        outside = outside_boxes(points, times, [a for a in self._actors if a.start_s <= end and a.end_s >= begin])
-        return origins[outside], points[outside]
 
 
 def _pick(

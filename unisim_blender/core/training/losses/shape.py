@@ -20,6 +20,8 @@ from .terms import eikonal, normal_smoothness, sdf_band_loss, wrong_side
 
 _BAND_M = 0.3
 """Distance before a return over which the signed distance is between bounds that the way to it gives."""
+_ACTOR_BAND_M = 0.15
+"""The same inside of an actor's box."""
 _WALL_M, _DEEP_M = 0.3, 0.1
 """Distance behind a return over which the static distance is below zero: by a fifth of the way from the return, and of
 the last at most. Nearer than the last nothing is asked: among returns that scatter by centimetres it would pull the
@@ -28,6 +30,8 @@ _SOLID_M, _SOLID_SHARE = 0.4, 0.25
 """An actor's is as far behind a return in its box, and as far as this share of the box's shortest edge."""
 _PASSED_M, _FREE_M = 4.0, 0.02
 """Distance before it over which the way is free, and the distance at least this."""
+_SKIN_M, _CLEAR_M = 0.1, 0.15
+"""So far behind the face of an actor's box where a beam enters it, it is this: there are neither skins nor haze."""
 _SHEET_M = 0.2
 """Where a ray stops before it, this far behind the stop at most is looked."""
 _SENSOR_M = 1.0
@@ -65,13 +69,9 @@ class ShapeLosses:
             if not isinstance(segments, ActorSegments):
                 continue
             depth = lidar.depth_m[segments.ray]
-            hit = (
-                lidar.returned[segments.ray]
-                & above[segments.ray]
-                & (depth > segments.t_near)
-                & (depth < segments.t_far)
-            )
+            hit = lidar.returned[segments.ray] & above[segments.ray] & segments.contain(depth)
             hits = hits.index_add(0, segments.ray, hit.to(hits.dtype))
+            band = band + self._actor_passed(segments, lidar, tables, generator)
             if not self.padded:
                 index = torch.nonzero(hit)[:, 0]
                 segments, depth, hit = rows_of(segments, index), depth[index], hit[index]  # noqa: PLW2901
@@ -91,6 +91,29 @@ class ShapeLosses:
         band = band + self._passed(o, d, depth_m, stop_m, static, generator)
         return band + self._wall_band(o, d, depth_m, static, generator), (x.detach(), static)
 
+    def _actor_passed(
+        self, segments: ActorSegments, lidar: LidarBatch, tables: Tensor, generator: torch.Generator | None
+    ) -> Tensor:
+        """Return the loss of actors' signed distances where beams that returned pass through boxes, up to the return: mean
+        depth of what lies below what is free, half of it at the faces where they enter.
+
+        Images of who is seen from one side alone fit a skin on the box's face as well as a body, and the body's losses do
+        not reach it. Samples of rays seldom lie there, and a renderer's first one always does.
+        """
+        end = torch.minimum(lidar.depth_m[segments.ray] - _ACTOR_BAND_M, segments.t_far)
+        passed = lidar.returned[segments.ray] & (segments.t_near < end)
+        if not self.padded:
+            index = torch.nonzero(passed)[:, 0]
+            segments, end, passed = rows_of(segments, index), end[index], passed[index]
+            if not len(index):
+                return end.sum()
+        even, skin = torch.rand(2, len(end), generator=generator, device=end.device)
+        entering = skin < 0.5
+        depth_m = segments.t_near + even * (end - segments.t_near)
+        depth_m = torch.where(entering, segments.t_near + even * (end - segments.t_near).clamp_max(_SKIN_M), depth_m)
+        s = self.model.actors.signed_distance(tables, segments.at(depth_m).clamp(0, 1), segments.actor)
+        return masked_mean(F.relu(torch.where(entering, _CLEAR_M, _FREE_M) - s), passed)
+
     def _actor_band(
         self, segments: ActorSegments, hit: Tensor, depth_m: Tensor, tables: Tensor, generator: torch.Generator | None
     ) -> Tensor:
@@ -100,20 +123,13 @@ class ShapeLosses:
         Behind what it returned an actor is solid. Of a mere shell most of a ray's samples know nothing, and images
         paint it onto what is far behind: a lorry that drives ahead keeps its bearing, as the street's end does.
         """
-        # a segment's points lie on a line: where it is at any depth follows from two of them
-        t0, t1 = segments.t[:, :1], segments.t[:, -1:]
-        p0, p1 = segments.points[:, 0], segments.points[:, -1]
-
-        def place(offset: Tensor) -> Tensor:
-            return p0 + (depth_m[:, None] - offset[:, None] - t0) / (t1 - t0).clamp_min(1e-4) * (p1 - p0)
-
         actor = segments.actor
-        offset = self._offsets(len(actor), generator, 0.15)
-        s = self.model.actors.signed_distance(tables, place(offset).clamp(0, 1), actor)
+        offset = self._offsets(len(actor), generator, _ACTOR_BAND_M)
+        s = self.model.actors.signed_distance(tables, segments.at(depth_m - offset).clamp(0, 1), actor)
         band = masked_mean(sdf_band_loss(s, offset), hit)
         reach = (_SOLID_SHARE * segments.size_m.amin(-1)).clamp_max(_SOLID_M)
         behind = _behind(reach, generator)
-        x = place(-behind)
+        x = segments.at(depth_m + behind)
         inside = ((x > 0) & (x < 1)).all(-1)
         s = self.model.actors.signed_distance(tables, x.clamp(0, 1), actor)
         return band + masked_mean(_hinge(s, behind) * inside, hit)

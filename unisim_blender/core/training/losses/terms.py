@@ -14,7 +14,7 @@ from torch.nn.utils.parametrizations import spectral_norm
 from ...errors import UnisimError
 from ...model.networks import read_tensors
 from ...ops.padding import masked_mean, masked_quantile
-from ...ops.ray_segments import RayBatch
+from ...ops.ray_segments import ActorSegments, RayBatch
 from ...ops.segment_trace import SegmentTrace
 from ..batches.data import PatchBatch
 from ..batches.sweeps import LidarBatch
@@ -76,7 +76,8 @@ class VggLoss(nn.Module):
 
 SURFACE_M, SURFACE_SHARE = 0.2, 0.04
 """Further than this, and this share of its length, from a return a ray hits nothing (epsilon of UniSim, eq. 8). The
-share is for rays that graze the road: the same sharpness is blurred there by the sine of the angle."""
+share is for rays that graze the road: the same sharpness is blurred there by the sine of the angle. No road is in actors'
+boxes, and a walker is half a metre thick."""
 
 
 SSIM_WINDOW, SSIM_SIGMA = 11, 1.5
@@ -151,13 +152,21 @@ def lidar_terms(traced: SegmentTrace, batch: LidarBatch, inside: Tensor) -> tupl
 
     The depth term is the expected error of a ray that stops at random, not the error of the expected depth: with that,
     a surface moves towards the sensor to make up for what leaks through it. It leaves out the rays with the largest
-    errors (glass, leaves, boxes that do not fit), as in UniSim. ``inside`` (N,) says which returns lie in the volume:
-    there the background model must not stand in for what stopped the ray.
+    errors (glass, leaves, boxes that do not fit), as in UniSim, of those in actors' boxes and of the others. ``inside``
+    (N,) says which returns lie in the volume: there the background model must not stand in for what stopped the ray.
     """
     near = batch.returned & inside
     miss = expected_error(traced, batch.depth_m)
+    in_boxes = torch.zeros_like(miss)
+    for segments in traced.ray_segments:
+        if isinstance(segments, ActorSegments):
+            contained = segments.contain(batch.depth_m[segments.ray])
+            in_boxes = in_boxes.index_add(0, segments.ray, contained.to(miss.dtype))
     with torch.no_grad():
-        good = near & (miss <= masked_quantile(miss, near, KEEP))
+        good = torch.zeros_like(near)
+        # a walker has a thousandth of the returns: among all of them, those of a wrong one would be the worst for ever
+        for part in (near & (in_boxes > 0), near & (in_boxes == 0)):
+            good = good | part & (miss <= masked_quantile(miss, part, KEEP))
     far = batch.returned & ~inside
     logs = traced.depth_m.clamp_min(1).log(), batch.depth_m.clamp_min(1e-6).log()
     reach = masked_mean(F.smooth_l1_loss(*logs, beta=0.05, reduction="none"), far)
@@ -167,6 +176,8 @@ def lidar_terms(traced: SegmentTrace, batch: LidarBatch, inside: Tensor) -> tupl
     free, surface_m = traced.feature.new_zeros(()), SURFACE_M + SURFACE_SHARE * batch.depth_m
     for segments, weights in traced.weighted():
         gap, surface = segments.stops() - batch.depth_m[segments.ray, None], surface_m[segments.ray, None]
+        if isinstance(segments, ActorSegments):
+            surface = surface.clamp_max(SURFACE_M)
         # a beam that came back was free up to where it did, also among the worst: a false surface that stops a whole
         # wall's rays makes them the worst, and would stay for ever
         wrong = (gap < -surface) & batch.returned[segments.ray, None] | (gap > surface) & good[segments.ray, None]
