@@ -290,17 +290,17 @@ def test_what_follows_an_invalid_step_is_left_out() -> None:
     times = np.arange(12) * 0.5
     car = straight(times, 40, 0, 0, 0), (4.0, 2.0)
     shares = (None, *[0.95] * 6, 0.5, *[0.9] * 4)
-    record = record_of(times, straight(times, 0, 0, 0, 8), {"car": car}, confident_share=shares)
+    record = record_of(times, straight(times, 0, 0, 0, 8), {"car": car}, confidence=shares)
     found = validity(record)
     assert (found.invalid_steps, found.valid_steps, found.valid_until_s) == (1, 7, 3.0)
-    assert (found.mean_share, found.min_share) == pytest.approx(((6 * 0.95 + 0.5 + 4 * 0.9) / 11, 0.5))
+    assert (found.mean_confidence, found.min_confidence) == pytest.approx(((6 * 0.95 + 0.5 + 4 * 0.9) / 11, 0.5))
     scores = summarise(record)
     part = scores["valid_part"]
     assert scores["collision"]["count"] == 1 and part["collision"]["count"] == 0 and part["steps"] == 7
     assert part["validity"]["invalid_steps"] == 0 and "valid_part" not in part
     table = score_table(scores)
-    assert "confident pixels and beams" in table and "valid part" in table
-    sound = record_of(times, straight(times, 0, 0, 0, 8), confident_share=(0.8,) * 12)
+    assert "confidence" in table and "valid part" in table
+    sound = record_of(times, straight(times, 0, 0, 0, 8), confidence=(0.8,) * 12)
     assert validity(sound).invalid_steps == 0 and "valid_part" not in summarise(sound)
     assert validity(record_of(times, straight(times, 0, 0, 0, 8))).reason is not None
 

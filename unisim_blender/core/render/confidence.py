@@ -1,9 +1,9 @@
 """Confidence of rendered pixels and beams: a calibrated probability that each is right, from what the recording shows of it.
 
 The recorded images and sweeps that a scene was trained on are traced once, coarsely, for their distances (`RecordedDepth`). The
-point that a ray ends at is projected into each of these views. A view confirms it where its own ray ends there, and contradicts
-it where its own ray passes through. `ViewEvidence` holds how many do, and the angle and the distance to the closest of them.
-`probability` is a logistic function of that, fitted on procedural streets, whose shifted views are known exactly
+point that a ray ends at is projected into the closest of them. A view confirms it where its own ray ends there, and contradicts
+it where its own ray passes through (`ViewEvidence`). `probability` is a logistic function of that, and of how right the scene
+renders recorded frames; it is fitted on procedural streets, whose shifted views are known exactly
 (docs/explanation/confidence.md).
 """
 
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import BoolArray, FloatArray, invert_pose
+from ..geometry import BoolArray, FloatArray
 from ..sensors.rays import Rays
 from ..world.drive import Actor, CameraModel
 from .tracer import Array
@@ -27,12 +27,14 @@ BACKGROUND_M = 150.0
 """Distance, metres, beyond which points are of the background."""
 TOLERANCE_M, TOLERANCE = 0.1, 0.02
 """Largest difference of distances of one surface: metres, and a part of the distance."""
-MAX_ALIKE, MAX_OTHER = 8, 2
-"""Number of views of a sensor's own kind and of the other kind that its points are projected into: the closest ones."""
+MAX_VIEWS = 4
+"""Number of views, of the sensor's own kind, that points are projected into: the closest ones."""
+RIGHT_RGB = 0.1
+"""Largest error of a channel, of 0 to 1, of a colour that is right."""
+UNMEASURED = 0.6
+"""Fraction of right pixels and returns that a scene without a measurement counts with."""
 TURN_M = 10.0
 """Distance, metres, that counts as much as looking at right angles."""
-COARSER_WEIGHT = 0.05
-"""Angle, radians, that a view which shows a point half as finely counts as farther away."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,6 @@ class DepthView:
     model: CameraModel | None
     lowest_rad: float
     row_rad: float
-    pixel_rad: float
     nearest: NDArray[np.float32]
     farthest: NDArray[np.float32]
     actor: NDArray[np.int16]
@@ -68,25 +69,26 @@ class DepthView:
 
 @dataclass(frozen=True)
 class ViewEvidence:
-    """What the recording shows of the ends of rays (N,). ``alike`` and ``other`` count views of the ray's kind of sensor and
-    of the other kind that confirm a point, ``against`` all that contradict it. Of the closest view of the kind, by angle:
-    ``angle_rad`` between the two rays, pi where there is none; ``coarser``, the binary logarithm of how much coarser it shows the
-    point, at least 0; ``spread``, the difference of distances around its pixel as a part of the distance."""
+    """What the recording shows of the ends of rays (N,): ``alike``, the number of views that confirm a point, ``against``
+    that of those that contradict it. Of the closest view that confirms it: ``angle_rad`` between the two rays, pi where there is
+    none; ``spread``, the difference of distances around its pixel as a part of the distance. ``accuracy``: see
+    `RecordedDepth`."""
 
     alike: Array
-    other: Array
     against: Array
     angle_rad: Array
-    coarser: Array
     spread: Array
+    accuracy: tuple[float, float] = (UNMEASURED, UNMEASURED)
 
 
 @dataclass(frozen=True)
 class RecordedDepth:
-    """The views of a scene's recording, and its actors as they were recorded."""
+    """The views of a scene's recording, and its actors as they were recorded. ``accuracy``: the fractions of pixels whose
+    colour, and of returns whose distance is right in recorded frames, as they were measured when it was trained."""
 
     views: tuple[DepthView, ...]
     actors: Mapping[str, Actor]
+    accuracy: tuple[float, float] = (UNMEASURED, UNMEASURED)
 
     def near(self, world_from_sensor: FloatArray, of_beam: bool) -> RecordedDepth:
         """Return the views that are closest to a sensor's pose, of a LiDAR or a camera."""
@@ -97,64 +99,54 @@ class RecordedDepth:
                 return away
             return away + TURN_M * (1 - float(view.world_from_view[:3, 2] @ world_from_sensor[:3, 2]))
 
-        ordered = sorted(self.views, key=distance)
-        alike = [view for view in ordered if (view.model is None) == of_beam]
-        other = [view for view in ordered if (view.model is None) != of_beam]
-        return replace(self, views=(*alike[:MAX_ALIKE], *other[:MAX_OTHER]))
+        alike = [view for view in self.views if (view.model is None) == of_beam]
+        return replace(self, views=tuple(sorted(alike, key=distance)[:MAX_VIEWS]))
 
     def evidence(
-        self, rays: Rays, depth_m: Array, instance: NDArray[np.int32], active: Sequence[Actor | None], pixel_rad: float
+        self, rays: Rays, depth_m: Array, instance: NDArray[np.int32], active: Sequence[Actor | None]
     ) -> ViewEvidence:
-        """Return what the recording shows of the ends of flat rays (N,). ``instance`` (N,) is 1 + the number
-        among ``active`` of the actor that is hit, 0 for none; where that is None nothing confirms a point. ``pixel_rad`` is
-        the angle between two rays."""
-        count, of_beam = len(depth_m), pixel_rad == 0
+        """Return what the views show of the ends of flat rays (N,). ``instance`` (N,) is 1 + the number among ``active`` of the
+        actor that is hit, 0 for none; where that is None nothing confirms a point."""
         reach = np.minimum(depth_m, np.float32(FAR_M))
-        directions = rays.directions.astype(np.float32)
-        ends = (rays.origins + rays.directions * reach[:, None]).astype(np.float32)
-        on_actors = _on_actors(rays, ends, instance, active, self.actors)
-        out = ViewEvidence(*(np.zeros(count, np.float32) for _ in range(6)))
-        out.angle_rad[:] = np.pi
-        cost, static = np.full(count, np.inf, np.float32), instance == 0
-        for view in self.views if count else ():
-            points, along, present = ends, directions, static
-            if on_actors:
-                points, along, present = ends.copy(), directions.copy(), static.copy()
-                for part in on_actors:
-                    part.place(view.time_s, points, along, present)
-            pose = invert_pose(view.world_from_view).astype(np.float32)
-            # not by BLAS: a part of an image has the bits of the whole
-            local = np.einsum("nj,ij->ni", points, pose[:3, :3]) + pose[:3, 3]
-            cell, inside = view.cells(local)
+        # rows of contiguous coordinates, and no BLAS: it is fast, and a part of an image has the bits of the whole
+        directions = np.ascontiguousarray(rays.directions.T, np.float32)
+        ends = np.ascontiguousarray((rays.origins + rays.directions * reach[:, None]).T, np.float32)
+        on_actors = _on_actors(rays, ends.T, instance, active, self.actors)
+        alike, against, spread = (np.zeros(len(reach), np.float32) for _ in range(3))
+        closest, static = np.full(len(reach), np.inf, np.float32), instance == 0
+        for view in self.views if len(reach) else ():
+            pose = view.world_from_view.astype(np.float32)
+            points = ends - pose[:3, 3:]
+            along, present = _dot(points, directions), static
+            for part in on_actors:
+                present = part.place(view, points, along, present)
+            local = np.stack([_dot(axis, points) for axis in pose[:3, :3].T])
+            cell, inside = view.cells(local.T)
             inside &= present
-            distance = np.sqrt(np.einsum("ij,ij->i", local, local))
-            tolerance = TOLERANCE_M + TOLERANCE * distance
+            distance = np.sqrt(_dot(points, points))
             near, far = view.nearest.reshape(-1)[cell], view.farthest.reshape(-1)[cell]
-            confirms = inside & (distance >= near - tolerance)
+            tolerance = TOLERANCE_M + TOLERANCE * distance
+            nearer, is_background = distance < near - tolerance, distance > BACKGROUND_M
             # in the background distances mean little
-            confirms &= (distance <= far + tolerance) | ((distance > BACKGROUND_M) & (far > BACKGROUND_M))
-            nearer = inside & (distance < near - tolerance)
-            confirms |= nearer & (distance > BACKGROUND_M)
+            confirms = inside & (
+                is_background & (nearer | (far > BACKGROUND_M)) | ~nearer & (distance <= far + tolerance)
+            )
             for part in on_actors:
                 confirms[part.rays] &= view.actor.reshape(-1)[cell[part.rays]] == part.number
-            out.against[nearer & (distance <= BACKGROUND_M)] += 1
-            if (view.model is None) != of_beam:
-                out.other[confirms] += 1
-                continue
-            out.alike[confirms] += 1
-            cosine = np.einsum("ij,ij->i", local, np.einsum("nj,ij->ni", along, pose[:3, :3])) / np.maximum(
-                distance, 1e-6
-            )
-            angle = np.arccos(np.clip(cosine, -1, 1))
-            finer = np.maximum(reach, 1e-3) * (pixel_rad or view.pixel_rad)
-            coarser = np.log2(np.maximum(distance * view.pixel_rad / finer, 1)).astype(np.float32)
-            better = confirms & (angle + COARSER_WEIGHT * coarser < cost)
-            for name, value in (
-                ("angle_rad", angle), ("coarser", coarser), ("spread", (far - near) / np.maximum(distance, 1e-6)),
-            ):  # fmt: skip
-                np.copyto(getattr(out, name), value, where=better)
-            np.copyto(cost, angle + COARSER_WEIGHT * coarser, where=better)
-        return out
+            against[inside & nearer & ~is_background] += 1
+            alike[confirms] += 1
+            # the square of the chord between directions
+            apart = 2 - 2 * along / np.maximum(distance, 1e-6)
+            better = np.flatnonzero(confirms & (apart < closest))
+            closest[better] = apart[better]
+            spread[better] = (far[better] - near[better]) / np.maximum(distance[better], 1e-6)
+        angle_rad = 2 * np.arcsin(np.sqrt(np.clip(closest / 4, 0, 1)))
+        return ViewEvidence(alike, against, angle_rad, spread, self.accuracy)
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Return the products of vectors (3, N) or (3,)."""
+    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
 @dataclass(frozen=True)
@@ -167,13 +159,18 @@ class _OnActor:
     ends: FloatArray
     directions: FloatArray
 
-    def place(self, time_s: float, points: Array, along: Array, present: BoolArray) -> None:
-        """Set points, directions and presence of the rays to where the actor was recorded at ``time_s``."""
-        if self.recorded.present(time_s):
-            pose = self.recorded.world_from_actor.at(time_s)
-            points[self.rays] = np.einsum("nj,ij->ni", self.ends, pose[:3, :3]) + pose[:3, 3]
-            along[self.rays] = np.einsum("nj,ij->ni", self.directions, pose[:3, :3])
-            present[self.rays] = True
+    def place(self, view: DepthView, points: Array, along: Array, present: BoolArray) -> BoolArray:
+        """Set the points (3, N) from the view, and their products with directions, to where the actor was
+        recorded at the view's time, and return which rays are present in it."""
+        if not self.recorded.present(view.time_s):
+            return present
+        pose = self.recorded.world_from_actor.at(view.time_s)
+        moved = np.einsum("nj,ij->in", self.ends, pose[:3, :3]) + (pose[:3, 3:] - view.world_from_view[:3, 3:])
+        points[:, self.rays] = moved
+        along[self.rays] = _dot(moved, np.einsum("nj,ij->in", self.directions, pose[:3, :3]))
+        present = present.copy()
+        present[self.rays] = True
+        return present
 
 
 def _on_actors(
@@ -203,40 +200,39 @@ def around(depth: Array) -> tuple[Array, Array]:
     return np.where(np.isfinite(near), near, np.float32(0)), parts.max(0)
 
 
-CAMERA_WEIGHTS = (2.417, 1.706, 0.653, 0.626, 0.531, 0.297, 0.0, 0.389, 0.667, 0.157, 0.692, 3.005)
-LIDAR_WEIGHTS = (3.617, 0.636, 0.342, 0.172, 0.632, 1.033, 0.0, 0.0, 0.443, 0.483, 0.485, 0.863)
-"""Weights of `features`, fitted by maximum likelihood on procedural streets; none is below 0, so
-that worse evidence never raises a probability."""
+CAMERA_WEIGHTS = (-2.081, 0.857, 0.442, 0.535, 0.344, 0.326, 0.145, 0.265, 1.968, 0.341, 0.843)
+LIDAR_WEIGHTS = (-0.262, 1.17, 0.906, 0.618, 1.042, 0.363, 0.0, 0.372, 0.0, 0.083, 0.939)
+"""Weights of `features`, fitted by maximum likelihood on procedural streets (`benchmarks/confidence.py`); none but the first is
+below 0, so that worse evidence never raises a probability."""
 NEAREST_M, FARTHEST_M = 2.0, 200.0
 """Limits, metres, between which the distance of a point counts."""
 
 
-def features(evidence: ViewEvidence, depth_m: Array, opacity: Array, instance: NDArray[np.int32]) -> Array:
-    """Return the features (N, F) of `probability`: 1, of the closest view that confirms
-    a point, of all views, and of the ray."""
+def features(evidence: ViewEvidence, depth_m: Array, instance: NDArray[np.int32]) -> Array:
+    """Return the features (F, N) of `probability`: 1, of the closest view that confirms a point, of all views, of the ray,
+    and of the scene."""
     seen, reach = (evidence.alike > 0).astype(np.float32), np.clip(depth_m, NEAREST_M, FARTHEST_M)
-    views = evidence.alike + evidence.other + evidence.against
+    odds = [np.full_like(seen, np.log(share / (1 - share))) for share in np.clip(evidence.accuracy, 0.01, 0.99)]
     return np.stack(
         [
             np.ones_like(seen), seen,
             -seen * np.sqrt(np.minimum(evidence.angle_rad, 1)),
-            -seen * np.minimum(evidence.coarser, 3),
             -seen * np.log1p(20 * np.minimum(evidence.spread, 1)),
-            seen * np.minimum(evidence.alike, MAX_ALIKE) / MAX_ALIKE,
-            (evidence.other > 0).astype(np.float32),
-            -evidence.against / np.maximum(views, 1),
+            evidence.alike / MAX_VIEWS,
+            -evidence.against / np.maximum(evidence.alike + evidence.against, 1),
             -(instance > 0).astype(np.float32),
-            -(np.isfinite(depth_m) & (opacity < 0.98)).astype(np.float32),
             -np.log2(reach / NEAREST_M),
             (depth_m > BACKGROUND_M).astype(np.float32),
-        ], 1,
+            *odds,
+        ]
     )  # fmt: skip
 
 
-def probability(
-    evidence: ViewEvidence, depth_m: Array, opacity: Array, instance: NDArray[np.int32], of_beam: bool
-) -> Array:
+def probability(evidence: ViewEvidence, depth_m: Array, instance: NDArray[np.int32], of_beam: bool) -> Array:
     """Return the probability (N,) that what is rendered is right."""
-    weights = np.array(LIDAR_WEIGHTS if of_beam else CAMERA_WEIGHTS, np.float32)
-    score = np.einsum("nf,f->n", features(evidence, depth_m, opacity, instance), weights)
+    score = np.zeros(len(depth_m), np.float32)
+    for weight, feature in zip(
+        LIDAR_WEIGHTS if of_beam else CAMERA_WEIGHTS, features(evidence, depth_m, instance), strict=True
+    ):
+        score += np.float32(weight) * feature
     return np.asarray(1 / (1 + np.exp(-score)), np.float32)

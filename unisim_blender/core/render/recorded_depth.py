@@ -18,7 +18,7 @@ from ..sensors.frames import RenderStats
 from ..sensors.rays import Rays, exposure_window
 from ..world.drive import Camera, Lidar
 from ..world.replay import DriveStates
-from .confidence import FAR_M, DepthView, RecordedDepth, around
+from .confidence import FAR_M, UNMEASURED, DepthView, RecordedDepth, around
 from .observed_space import cache_file, store_in_cache
 from .quality import QUALITIES
 from .tracer import Array, Backend
@@ -42,7 +42,7 @@ def trace_recorded(backend: Backend, header: SceneHeader) -> Iterator[float | Re
         stored = {} if file is None else read_arrays(file, OutputError)
     for number, (sensor, time_s) in enumerate(shots):
         yield number / len(shots)
-        view, rays = _empty_view(sensor, time_s, header.training.get("width"))
+        view, rays = _empty_view(sensor, time_s)
         shape = rays.time_s.shape
         depth, actor = stored.get(f"depth{number}"), stored.get(f"actor{number}")
         if depth is None or actor is None or not depth.shape == actor.shape == shape:
@@ -63,7 +63,9 @@ def trace_recorded(backend: Backend, header: SceneHeader) -> Iterator[float | Re
                 store_in_cache(file, stored)
         near, far = around(depth)
         views.append(replace(view, nearest=near, farthest=far, actor=np.asarray(actor, np.int16)))
-    yield RecordedDepth(tuple(views), header.drive.actors)
+    measured = header.training.get("accuracy", {})
+    image, sweep = (float(measured.get(kind, UNMEASURED)) for kind in ("camera", "lidar"))
+    yield RecordedDepth(tuple(views), header.drive.actors, (image, sweep))
 
 
 def recorded_depth(backend: Backend, header: SceneHeader) -> RecordedDepth:
@@ -87,15 +89,14 @@ def _shots(header: SceneHeader) -> Iterator[tuple[Camera | Lidar, float]]:
                 yield sensor, sensor.time_s[frame]
 
 
-def _empty_view(sensor: Camera | Lidar, time_s: float, width: int | None) -> tuple[DepthView, Rays]:
+def _empty_view(sensor: Camera | Lidar, time_s: float) -> tuple[DepthView, Rays]:
     """Return a sensor's view without distances, and the rays (h, w) that these are traced along."""
     none: tuple[Array, Array, NDArray[np.int16]] = (np.empty((0, 0), np.float32),) * 2 + (np.empty((0, 0), np.int16),)
     pose = sensor.trajectory.at(time_s)
     if isinstance(sensor, Camera):
         small = sensor.resized(min(IMAGE_COLUMNS, sensor.model.width))
-        pixel_rad = 1 / sensor.model.resized(width or sensor.model.width).pixels_per_rad
         rays = camera_rays(small, time_s, *pixel_grid(small.model))
-        return DepthView(time_s, pose, small.model, 0.0, 0.0, pixel_rad, *none), rays
+        return DepthView(time_s, pose, small.model, 0.0, 0.0, *none), rays
     low, high = float(sensor.model.elevation_rad.min()), float(sensor.model.elevation_rad.max())
     row_rad = max((high - low) / (SWEEP_ROWS - 1), 1e-4)
     elevation = low + row_rad * np.arange(SWEEP_ROWS)[:, None]
@@ -104,4 +105,4 @@ def _empty_view(sensor: Camera | Lidar, time_s: float, width: int | None) -> tup
     local = np.stack(np.broadcast_arrays(level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)), -1)
     origins = np.broadcast_to(pose[:3, 3], local.shape).copy()
     rays = Rays(origins, local @ pose[:3, :3].T, np.full(local.shape[:2], time_s))
-    return DepthView(time_s, pose, None, low, row_rad, row_rad, *none), rays
+    return DepthView(time_s, pose, None, low, row_rad, *none), rays

@@ -46,8 +46,6 @@ from .visibility import Reach
 
 MAX_LATTICE_SPACING_PX = 1.5
 """Widest spacing of a lattice, in pixels of the images that the scene was trained on."""
-SHARE_STRIDE = 4
-"""Stride through the rows and columns by which the share of confident pixels or beams is estimated."""
 MIN_PREVIEW_WIDTH_PX = 16
 """Smallest width of a preview, in pixels."""
 SKY_WIDTH_PX = 64
@@ -539,15 +537,13 @@ class Renderer:
 
     def _confidence(self, exposure: _Exposure, rays: Rays, maps: Maps) -> Array:
         """Return the confidence (N,) of flat rays (N,) of an image."""
-        camera, pixel_rad = exposure.camera, exposure.tracer.upsample / exposure.camera.model.pixels_per_rad
-        pose = camera.world_from_camera.at(exposure.time_s)
-        return self.confidence(exposure.state, pose, rays, maps, pixel_rad)
+        return self.confidence(exposure.state, exposure.camera.world_from_camera.at(exposure.time_s), rays, maps)
 
     def _with_evidence(self, passes: Sequence[str]) -> set[str]:
         """Return the maps that passes need, with those that confidence is computed from in its place."""
         if "confidence" not in passes:
             return set(passes)
-        evidence = {"depth", "instance", "opacity"} if hasattr(self.backend, "recorded_depth") else {"unsupported"}
+        evidence = {"depth", "instance"} if hasattr(self.backend, "recorded_depth") else {"unsupported"}
         return set(passes) - {"confidence"} | evidence
 
     @property
@@ -558,7 +554,7 @@ class Renderer:
         return self._recorded_depth
 
     def evidence(
-        self, state: WorldState, pose: FloatArray, rays: Rays, maps: Maps, pixel_rad: float
+        self, state: WorldState, pose: FloatArray, rays: Rays, maps: Maps, of_beam: bool = False
     ) -> ViewEvidence | None:
         """Return what the recording shows of the ends of flat rays (N,) from a sensor's pose, see `confidence`; None
         without a trained scene."""
@@ -566,41 +562,27 @@ class Renderer:
             return None
         actors, active = {actor.uid: actor for actor in state.actors}, self.tracer(state).active
         own = [actors[uid] if uid in active.own.uids else None for uid in active.uids]
-        near = self.recorded_depth.near(pose, pixel_rad == 0)
-        return near.evidence(rays, maps["depth"], maps["instance"], own, pixel_rad)
+        return self.recorded_depth.near(pose, of_beam).evidence(rays, maps["depth"], maps["instance"], own)
 
-    def confidence(self, state: WorldState, pose: FloatArray, rays: Rays, maps: Maps, pixel_rad: float = 0.0) -> Array:
+    def confidence(self, state: WorldState, pose: FloatArray, rays: Rays, maps: Maps, of_beam: bool = False) -> Array:
         """Return the probability (N,) that what flat rays (N,) from a sensor's pose show is right, by their maps: of a
-        camera's rays, ``pixel_rad`` apart, or of a LiDAR's beams. Meshes are as they are drawn: 1. Without a trained scene
-        0 and 1, by what is unsupported."""
-        if "unsupported" in maps and self.recorded_depth is None:
+        camera's rays, or of a LiDAR's beams. Meshes are as they are drawn: 1. Without a trained scene 0 and 1, by what is
+        unsupported."""
+        evidence = self.evidence(state, pose, rays, maps, of_beam)
+        if evidence is None:
             return 1 - maps["unsupported"].astype(np.float32)
-        evidence = self.evidence(state, pose, rays, maps, pixel_rad)
-        assert evidence is not None
-        right = probability(evidence, maps["depth"], maps["opacity"], maps["instance"], pixel_rad == 0)
+        right = probability(evidence, maps["depth"], maps["instance"], of_beam)
         active = self.tracer(state).active
         right[maps["instance"] > len(active.uids) - len(active.mesh_actors.uids)] = 1
         return right
 
-    def confident_share(self, state: WorldState, sensor: Camera | Lidar, time_s: float) -> float | None:
-        """Return the share of a sensor's pixels, or returning beams, that are right more likely than not, estimated from every
-        `SHARE_STRIDE`-th row and column; None without a trained scene, and where nothing is seen."""
+    def sweep_confidence(self, state: WorldState, sweep: LidarFrame) -> Array | None:
+        """Return the confidence (B, C) of a sweep's beams; None without a trained scene."""
         if self.recorded_depth is None:
             return None
-        is_camera, few = isinstance(sensor, Camera), slice(SHARE_STRIDE // 2, None, SHARE_STRIDE)
-        if isinstance(sensor, Camera):
-            u, v = (x[few, few] for x in pixel_grid(sensor.model))
-            seen = has_direction(sensor.model, u, v).reshape(-1)
-            rays, pixel_rad = camera_rays(sensor, time_s, u, v).flat(), 1 / sensor.model.pixels_per_rad
-        else:
-            rays, pixel_rad = lidar_rays(sensor, time_s, few, few).flat(), 0.0
-        tracer = self.tracer(state)
-        mesh_hits = tracer.active.mesh_actors.seen_by(sensor).hit_by_rays(rays, NEAR_M)
-        traced = tracer.trace(rays, {"depth", "instance", "opacity"}, is_camera, mesh_hits, RenderStats())
-        if not is_camera:
-            seen = tracer.returns(traced, rays.directions)[1] >= 0.5
-        right = self.confidence(state, sensor.trajectory.at(time_s), rays, traced.maps, pixel_rad) >= 0.5
-        return float(right[seen].mean()) if seen.any() else None
+        rays = Rays(sweep.origins, sweep.directions, sweep.time_s).flat()
+        maps = {"depth": sweep.depth_m.reshape(-1), "instance": sweep.instance.reshape(-1)}
+        return self.confidence(state, sweep.world_from_lidar, rays, maps, True).reshape(sweep.depth_m.shape)
 
     def _light(self, exposure: _Exposure, actor: Actor) -> FloatArray:
         """Return the brightness (3,), linear, of white ground under an actor, estimated from the ground beside it in

@@ -51,7 +51,7 @@ class LidarSweep:
 
     ``points`` are records (N,) of `POINT_FIELDS`, for example ``points["x"]``: ``x``, ``y``, ``z`` (m) in the LiDAR's frame at
     ``time_us``, `SensorSetup.rear_axle_from_sensor` places it on the vehicle; ``intensity``, 0 to 1; ``ring``, the beam;
-    ``azimuth`` (rad) and ``time`` (s from the log's first frame) of firing.
+    ``azimuth`` (rad) and ``time`` (s from the log's first frame) of firing. ``confidence`` (N,): see `CameraImage`.
     """
 
     sensor_id: str
@@ -59,6 +59,7 @@ class LidarSweep:
     start_us: int
     end_us: int
     points: NDArray[np.void]
+    confidence: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True)

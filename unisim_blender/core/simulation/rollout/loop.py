@@ -114,7 +114,7 @@ def roll_out(
             if done is None:
                 ended = context.ended(before.time_us, world.time_us)
                 done = RolloutStep.of(
-                    world, action, names_of(simulation, ended), sensors.unsupported, sensors.confident
+                    world, action, names_of(simulation, ended), sensors.unsupported, sensors.confidence
                 )
                 append_step(out, done)
             elif done.ego != world.ego:

@@ -72,8 +72,8 @@ class Record:
     ego's rear axle.
 
     Optional: ``plans`` in the order they were made. ``unsupported_share``: for each step the share, 0 to 1, of the
-    pixels shown to the driver that nobody recorded; None where it was shown none. ``confident_share``: likewise the mean over
-    sensors of the share of pixels and beams that are right more likely than not. ``recorded_paths``: paths (K, 2) of
+    pixels shown to the driver that nobody recorded; None where it was shown none. ``confidence``: likewise the mean over
+    sensors of the mean confidence of pixels or returns. ``recorded_paths``: paths (K, 2) of
     the log's vehicles, the ego's apart. ``ego_poses`` (T, 4, 4): world from the ground beneath the middle of the rear
     axle, x forward, y left, z away from the ground. ``classes``: how actors of the log's own classes move (see
     `world.classes`).
@@ -88,7 +88,7 @@ class Record:
     recorded_ego: Trajectory
     plans: tuple[PlanRecord, ...] | None = None
     unsupported_share: tuple[float | None, ...] | None = None
-    confident_share: tuple[float | None, ...] | None = None
+    confidence: tuple[float | None, ...] | None = None
     recorded_paths: tuple[FloatArray, ...] = ()
     ego_poses: FloatArray | None = None
     classes: Mapping[str, Motion] = field(default_factory=dict)
@@ -96,7 +96,7 @@ class Record:
     def __post_init__(self) -> None:
         object.__setattr__(self, "times_us", _times(self.times_us, "the record"))
         steps = len(self.times_us)
-        for name in ("ego", "ego_footprints", "actors", "unsupported_share", "confident_share", "ego_poses"):
+        for name in ("ego", "ego_footprints", "actors", "unsupported_share", "confidence", "ego_poses"):
             value = getattr(self, name)
             if value is not None and len(value) != steps:
                 raise RecordError(f"the record has {steps} times and {len(value)} of {name}")
@@ -106,10 +106,10 @@ class Record:
             step = int(sound.argmin())
             raise RecordError(f"the ego's footprint {self._at(step)} is no box: {self.ego_footprints[step]}")
         _ = self.tracks  # made here, so that a record that exists is known to be sound
-        for name in ("unsupported", "confident"):
-            for step, share in enumerate(getattr(self, f"{name}_share") or ()):
-                if share is not None and not 0 <= share <= 1:
-                    raise RecordError(f"the {name} share {self._at(step)} is {share}, not from 0 to 1")
+        for name, values in (("unsupported share", self.unsupported_share), ("confidence", self.confidence)):
+            for step, value in enumerate(values or ()):
+                if value is not None and not 0 <= value <= 1:
+                    raise RecordError(f"the {name} {self._at(step)} is {value}, not from 0 to 1")
         if self.ego_poses is not None:
             object.__setattr__(self, "ego_poses", np.asarray(self.ego_poses, np.float64))
             if self.ego_poses.shape != (steps, 4, 4):
@@ -135,7 +135,7 @@ class Record:
         parts = {
             name: getattr(self, name)[:steps]
             for name in ("times_us", "ego", "ego_footprints", "actors")
-            + ("unsupported_share", "confident_share", "ego_poses")
+            + ("unsupported_share", "confidence", "ego_poses")
             if getattr(self, name) is not None
         }
         return replace(self, **parts, plans=plans)

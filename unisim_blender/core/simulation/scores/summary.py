@@ -20,19 +20,19 @@ TOO_MUCH = 0.2
 
 MIN_VALID_STEPS = 5
 """Least number of valid steps that are scored apart."""
-VALID_SHARE = 0.8
-"""Least share of a step's pixels and beams that are right more likely than not, for the step to be valid."""
+VALID_CONFIDENCE = 0.7
+"""Least mean confidence of what the driver is shown at a step, for the step to be valid."""
 
 
 @dataclass(frozen=True)
 class Validity:
-    """How far what the driver was shown is right, by the confidence of its pixels and beams: ``mean_share`` and
-    ``min_share`` of confident ones over the steps; ``invalid_steps``, the number with less than `VALID_SHARE`;
+    """How far what the driver was shown is right, by the confidence of pixels and returns, averaged over sensors: its mean
+    and least over the steps; ``invalid_steps``, the number with less than `VALID_CONFIDENCE`;
     ``valid_steps`` and ``valid_until_s``, how many come before the first invalid one, and the time of the last of them.
     Members are None, with a ``reason``, where nothing was measured."""
 
-    mean_share: float | None = None
-    min_share: float | None = None
+    mean_confidence: float | None = None
+    min_confidence: float | None = None
     invalid_steps: int | None = None
     valid_steps: int | None = None
     valid_until_s: float | None = None
@@ -41,13 +41,13 @@ class Validity:
 
 def validity(record: Record) -> Validity:
     """Return how far a rollout is valid: what follows an invalid step depends on what was invented."""
-    shares = np.array([np.nan if share is None else share for share in record.confident_share or ()], np.float64)
-    if not np.isfinite(shares).any():
-        return Validity(reason="the driver was shown nothing whose confidence was measured")
-    invalid = shares < VALID_SHARE
-    steps = int(invalid.argmax()) if invalid.any() else len(shares)
+    shown = np.array([np.nan if each is None else each for each in record.confidence or ()], np.float64)
+    if not np.isfinite(shown).any():
+        return Validity(reason="the pass confidence was not rendered")
+    invalid = shown < VALID_CONFIDENCE
+    steps = int(invalid.argmax()) if invalid.any() else len(shown)
     until_s = float(record.times_s[steps - 1]) if steps else None
-    return Validity(float(np.nanmean(shares)), float(np.nanmin(shares)), int(invalid.sum()), steps, until_s)
+    return Validity(float(np.nanmean(shown)), float(np.nanmin(shown)), int(invalid.sum()), steps, until_s)
 
 
 @dataclass(frozen=True)
@@ -266,10 +266,10 @@ def _rest(scores: dict[str, Any]) -> Rows:
     if valid is None:
         return rows
     text = _dash(valid)
-    if valid["mean_share"] is not None:
-        text = f"{valid['mean_share']:.1%} on average, {valid['min_share']:.1%} at least, "
+    if valid["mean_confidence"] is not None:
+        text = f"{valid['mean_confidence']:.1%} on average, {valid['min_confidence']:.1%} at least, "
         text += f"{valid['invalid_steps']} invalid steps" if valid["invalid_steps"] else "no invalid step"
-    rows.append(("confident pixels and beams", text))
+    rows.append(("confidence", text))
     part = scores.get("valid_part")
     if part is not None:
         rows.append(("valid part", f"{part['steps']} steps, {part['duration_s']:.2f} s"))
