@@ -178,4 +178,5 @@ def test_confidence_beside_the_truth_of_a_street(renderer: Renderer) -> None:
     shares, means = [x.mean() for x in right], [x.mean() for x in claimed]
     assert shares[1] < shares[0] - 0.03 and means[1] < means[0] - 0.03, (shares, means)
     np.testing.assert_allclose(means, shares, atol=0.08)
-    assert right[1][claimed[1] > 0.8].mean() > right[1][claimed[1] < 0.4].mean() + 0.3
+    least = claimed[1] < np.quantile(claimed[1], 0.2)
+    assert right[1][~least].mean() > right[1][least].mean() + 0.15

@@ -553,9 +553,10 @@ class Renderer:
         model = camera.model_at(time_s)
         out = CameraFrame(model, pose, image[inner], instances=exposure.tracer.active.uids, stats=exposure.stats)
         shape = -(-image.shape[0] // up), -(-image.shape[1] // up)
-        needed = _needed(self._with_evidence(passes), bool(shadowing or moved))
-        needed |= WEATHER_MAPS if state.weather is not None else set()
-        undeciding = needed - _needed(set(passes) - {"confidence"}, False)
+        if "confidence" in exposure.passes and "confidence" not in maps:
+            assert rays is not None
+            maps = {**maps, "confidence": self._confidence(exposure, rays.flat(), maps)}
+        shown = {*exposure.passes, *(WEATHER_MAPS if exposure.air is not None else ())}
         fill_passes(out, {name: x for name, x in maps.items() if name in shown}, along, shape, up, inner)
         return out
 
