@@ -23,6 +23,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from ..colour import linear_from_srgb
 from ..data.exposures import Exposures
 from ..errors import SceneError
 from ..geometry import FloatArray
@@ -35,12 +36,13 @@ from ..sensors.rays import Rays, exposure_window
 from ..sensors.unprojection import has_direction, image_mask, least_pixels_per_rad
 from ..weather import camera as camera_weather
 from ..weather import lidar as lidar_weather
+from ..weather import wet_ground
 from ..world.drive import Actor, Camera, Lidar
 from ..world.replay import WorldState
 from .confidence import RecordedDepth, ViewEvidence, probability
 from .contact_shadow import SHADOW_CUTOFF_M, displaced, faded, shaded
 from .lattice import NEAR_BOXES, Region, SparseImage, Tile, aligned, fill_passes, progressive_strides
-from .quality import Quality
+from .quality import QUALITIES, Quality
 from .tracer import NEAR_M, Array, Backend, Maps, Tracer
 from .visibility import Reach
 
@@ -50,8 +52,10 @@ WEATHER_MAPS = {"depth", "instance"}
 """Maps of an image that weather needs."""
 MIN_PREVIEW_WIDTH_PX = 16
 """Smallest width of a preview, in pixels."""
-SKY_WIDTH_PX = 128
+SKY_WIDTH_PX = 80
 """Width of the image from which the air is estimated, in pixels."""
+MIRROR_WIDTH_PX, MIRROR_LIFT_M = 192, 0.05
+"""Width of the coarse image of what the ground reflects, in pixels, and the height, metres, at which mirrored rays start."""
 MAX_STORED_AIR = 64
 """Number of images whose air is stored."""
 
@@ -81,6 +85,8 @@ class _Exposure:
     """Brightness of white ground under an actor, by the actor's id."""
     air: camera_weather.Air | None = None
     """The air of the weather; None where the image is to be that of clear air."""
+    mirror: wet_ground.Mirror | None = None
+    """What wet ground reflects, once it is traced."""
     particles: camera_weather.DrawnParticles | None = None
     """Drops and flakes in the image, once they are drawn."""
 
@@ -330,12 +336,45 @@ class Renderer:
         if exposure.particles is None and not preview:
             exposure.particles = camera_weather.drawn_particles(exposure.camera, exposure.time_s, weather)
         size = exposure.camera.model.height, exposure.camera.model.width
+        if weather.wet:
+            if exposure.mirror is None:
+                exposure.mirror = self._mirror(exposure)
+            frame.rgb = exposure.mirror.wetted(frame, weather.wet, air, rows, columns, size)
         drawn = None if preview else exposure.particles
         frame.rgb = camera_weather.weathered(frame, weather, air, drawn, rows, columns, size)
         if preview or "depth" not in exposure.passes:
             frame.depth_m = frame.z_depth_m = None
         if preview or "instance" not in exposure.passes:
             frame.instance = None
+
+    def _mirror(self, exposure: _Exposure) -> wet_ground.Mirror:
+        """Return what the ground reflects in an image, by a coarse one of which rays go on from the ground."""
+        camera, time_s, tracer, weather = exposure.camera, exposure.time_s, exposure.tracer, exposure.state.weather
+        assert weather is not None and exposure.air is not None
+        small = camera.resized(min(MIRROR_WIDTH_PX, camera.model.width))
+        rays = camera_rays(small, time_s, *pixel_grid(small.model))
+        shape, flat, quality = rays.time_s.shape, rays.flat(), tracer.quality
+        tracer.quality = QUALITIES["fast"]
+        down = np.flatnonzero(flat.directions[:, 2] < 0)
+        rays = Rays(flat.origins[down], flat.directions[down], flat.time_s[down])
+        depth = tracer.trace(rays, {"depth"}, False, None, RenderStats()).maps["depth"]
+        points = rays.origins + rays.directions * np.where(np.isfinite(depth), depth, 0.0)[:, None]
+        some = np.flatnonzero(wet_ground.is_ground(tracer.heights(points), -rays.directions[:, 2]) & np.isfinite(depth))
+        cosine = -rays.directions[some, 2]
+        up = rays.directions[some] * [1, 1, -1]
+        rays = Rays(points[some] + [0, 0, MIRROR_LIFT_M], up, rays.time_s[some])
+        # one row of cells: a decoder that reads neighbours sees ground on both sides
+        traced = tracer.trace(rays, {"depth"}, True, None, RenderStats())
+        rgb = tracer.image(traced, up, camera.sensor_id, (1, len(some)))[0, :: tracer.upsample]
+        tracer.quality = quality
+        light = linear_from_srgb(self._bound.exposed(rgb, camera.sensor_id, time_s))
+        light = exposure.air.over(light, camera_weather.air_through(weather, traced.maps["depth"]))
+        maps = np.zeros((shape[0] * shape[1], 6), np.float32)
+        maps[down[some], 0], maps[down[some], 1], maps[down[some], 2] = 1, depth[some], cosine
+        maps[down[some], 3:] = light
+        maps = maps.reshape(*shape, 6)
+        mirror = wet_ground.Mirror(maps[..., 0], maps[..., 1], maps[..., 2], maps[..., 3:])
+        return mirror.drawn_out(small.model.pixels_per_rad)
 
     def _shadowing(self, state: WorldState, camera: Camera) -> list[Actor]:
         """Return the actors under which a camera sees contact shadows."""
@@ -673,7 +712,12 @@ class Renderer:
         """Return the sweep of clear air at ``time_s`` in the state's weather."""
         if state.weather is None:
             return frame
-        return lidar_weather.weathered(frame, lidar, state.weather, time_s)
+        ground = None
+        if state.weather.wet:
+            points = frame.origins + frame.directions * frame.depth_m[..., None]
+            heights = self.tracer(state).heights(points.reshape(-1, 3)).reshape(frame.depth_m.shape)
+            ground = frame.returned & wet_ground.is_ground(heights, -frame.directions[..., 2])
+        return lidar_weather.weathered(frame, lidar, state.weather, time_s, ground)
 
     def beams(
         self, state: WorldState, rays: Rays, lidar: Lidar | None = None, stats: RenderStats | None = None
