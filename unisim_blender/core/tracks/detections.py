@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import count
 from typing import Protocol
 
 import numpy as np
@@ -33,7 +32,7 @@ from ..registry import Registry
 from ..world.box_tracks import CLOSEST_KEYS_S, HALF_FRAME_S, TrackedBoxes, actor_of_boxes, passing_times
 from ..world.drive import Actor, Appearance
 from .associate import associate
-from .box_file import Track
+from .box_file import Track, unused_uid
 from .clusters import Cluster
 from .register import smoothed
 
@@ -166,7 +165,7 @@ def _track(boxes: TrackedBoxes, score: FloatArray, rows: NDArray[np.int64], numb
     votes: dict[str, float] = defaultdict(float)
     for row in rows:
         votes[str(boxes.label[row])] += float(score[row])
-    label = max(votes, key=lambda name: votes[name])
+    label = max(votes, key=votes.__getitem__)
     uid = f"{label.lower()}-{number:03d}"
     times, poses, certainty = boxes.key_s[rows], boxes.poses[rows], float(score[rows].mean())
     present_s = float(times[0]) - HALF_FRAME_S, float(times[-1]) + HALF_FRAME_S
@@ -194,18 +193,10 @@ def fused(found: Sequence[Track], detected: Sequence[Track]) -> tuple[Track, ...
             source = " and ".join(filter(None, (track.source, other.source)))
             track = replace(track, actor=_continued(track.actor, other.actor), certainty=certainty, source=source)
         tracks.append(track)
-    taken = {track.actor.uid for track in tracks}
     for other in left:
-        uid = next(name for name in _names(other.actor.uid) if name not in taken)
-        taken.add(uid)
+        uid = unused_uid(other.actor.uid, {track.actor.uid for track in tracks})
         tracks.append(replace(other, actor=replace(other.actor, uid=uid, appearance=Appearance(uid))))
     return tuple(tracks)
-
-
-def _names(uid: str) -> Iterator[str]:
-    yield uid
-    for number in count(2):
-        yield f"{uid}-{number}"
 
 
 def _is_same(a: Actor, b: Actor) -> bool:

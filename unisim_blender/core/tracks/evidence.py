@@ -27,7 +27,9 @@ from .standing import StandingMap
 VERSION = 4
 """Counted on whenever a stage here changes: what an older program cached is made anew."""
 SearchProgress = Callable[[str, float], object]
-"""Called with the name of a stage and the fraction of it that is done; what it raises cancels the search."""
+"""Called with the name of a stage and the fraction of the whole that is done; what it raises cancels the search."""
+SHARES = {"ground": (0.0, 0.3), "clusters": (0.3, 0.7), "registration": (0.7, 0.95), "standing": (0.95, 1.0)}
+"""Fractions of the whole at which stages begin and end, by the time that they take."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ def evidence_of(log: Log, progress: SearchProgress = lambda stage, done: None) -
         scan = read_scan(log, ref)
         builder.add(scan.points)
         images[number] = range_image(scan)
-        progress("ground", (number + 1) / len(refs))
+        tell("ground", (number + 1) / len(refs), progress)
     ground, stays, sweeps = builder.ground(), StandingMap(), []
     for number, ref in enumerate(refs):
         scan = read_scan(log, ref)
@@ -68,10 +70,16 @@ def evidence_of(log: Log, progress: SearchProgress = lambda stage, done: None) -
         sweeps.append(tuple(clusters))
         if len(standing):
             stays.add(standing, np.median(scan.origins, 0), ref.time_s)
-        progress("clusters", (number + 1) / len(refs))
+        tell("clusters", (number + 1) / len(refs), progress)
     evidence = Evidence(ground, tuple(sweeps), stays, np.array([ref.time_s for ref in refs]))
     _write(cached, evidence)
     return evidence
+
+
+def tell(stage: str, done: float, progress: SearchProgress) -> None:
+    """Tell ``progress`` that the fraction ``done`` of a stage is."""
+    begin, end = SHARES[stage]
+    progress(stage, begin + done * (end - begin))
 
 
 def _write(path: Path, evidence: Evidence) -> None:

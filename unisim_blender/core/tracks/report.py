@@ -13,9 +13,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 from ..data.log import Log
 from ..geometry import FloatArray, box_corners, invert_pose, points_in_box, spread_indices
-from ..world.box_tracks import passing
 from .box_file import Track
-from .scans import ScanRef, read_scan, scans_of
+from .scans import SweepStore, read_scan, scans_of
 
 PIXELS = 1400
 """Longest side of the picture."""
@@ -57,30 +56,24 @@ def report(log: Log, tracks: Sequence[Track]) -> str:
 def seen_by(log: Log, tracks: Sequence[Track]) -> dict[str, set[str]]:
     """Return the sensors that see each track in the middle of its time, by id: LiDARs with a return in its box, and cameras
     with its centre in the image."""
-    seen: dict[str, set[str]] = {track.actor.uid: set() for track in tracks}
+    store, seen = SweepStore(log), dict[str, set[str]]()
     first, last = (log.drive.time_s[log.drive.frames[at]] for at in (0, -1))
-    middles = {t.actor.uid: (max(t.actor.start_s, first) + min(t.actor.end_s, last)) / 2 for t in tracks}
-    for name, lidar in log.drive.lidars.items():
-        at_frame: dict[int, list[Track]] = {}
-        for track in tracks if (frames := log.sweep_frames(name)) else ():
-            near = min(frames, key=lambda frame: abs(lidar.time_s[frame] - middles[track.actor.uid]))
-            at_frame.setdefault(near, []).append(track)
-        for frame, there in at_frame.items():
-            scan = read_scan(log, ScanRef(name, frame, lidar.time_s[frame]))
-            passed = passing([track.actor for track in there], lidar, lidar.time_s[frame])
-            for track, time in zip(there, passed, strict=True):
-                pose, size = track.actor.world_from_actor.at(time), track.actor.size_m
-                near_it = (np.abs(scan.points[:, :2] - pose[:2, 3]) < np.linalg.norm(size)).all(1)
-                if points_in_box(scan.points[near_it], pose, size).any():
-                    seen[track.actor.uid].add(name)
-    for name, camera in log.drive.cameras.items():
-        for track in tracks if (frames := log.image_frames(name)) else ():
-            time = min((camera.time_s[frame] for frame in frames), key=lambda t: abs(t - middles[track.actor.uid]))
-            pose = invert_pose(camera.world_from_camera.at(time)) @ track.actor.world_from_actor.at(time)
+    for actor in sorted((track.actor for track in tracks), key=lambda actor: actor.start_s):
+        path, names = actor.world_from_actor, seen.setdefault(actor.uid, set())
+        middle_s = (max(actor.start_s, first) + min(actor.end_s, last)) / 2
+        for number in store.nearest(middle_s):
+            pose = path.at(store.passing_s(number, path.positions_at(store.times_s[number])[:2]))
+            returns = store.near(number, pose[:2, 3], float(np.linalg.norm(actor.size_m))).points
+            if points_in_box(returns, pose, actor.size_m).any():
+                names.add(store.refs[number].lidar)
+        for name, camera in log.drive.cameras.items():
+            times = [camera.time_s[frame] for frame in log.image_frames(name)]
+            time = min(times, key=lambda t: abs(t - middle_s), default=middle_s)
+            pose = invert_pose(camera.world_from_camera.at(time)) @ path.at(time)
             u, v, valid = camera.model.project(pose[None, :3, 3])
-            if valid[0] and 0 <= u[0] <= camera.model.width and 0 <= v[0] <= camera.model.height:
-                seen[track.actor.uid].add(name)
-    return seen
+            if times and valid[0] and 0 <= u[0] <= camera.model.width and 0 <= v[0] <= camera.model.height:
+                names.add(name)
+    return {track.actor.uid: seen[track.actor.uid] for track in tracks}
 
 
 def _rgb(certainty: float) -> str:

@@ -14,10 +14,9 @@ from bpy.app.handlers import persistent
 from gpu_extras.batch import batch_for_shader
 from numpy.typing import NDArray
 
-from ...bridge.importing.tracks import pose_now, size_now
-from ...bridge.objects.animation import keys_of
+from ...bridge.importing.tracks import path_of, pose_now, size_now
 from ...bridge.objects.imported import source_of
-from ...bridge.objects.trajectories import keyed_poses, trajectory_of
+from ...bridge.objects.trajectories import trajectory_of
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.window import redraw, run_soon
 from ...core.errors import UnisimError
@@ -67,7 +66,6 @@ def ask_points() -> None:
     if obj is None or bpy.app.is_job_running("RENDER"):
         return
     above = trajectory_of(obj)
-    keys = None if above is None else keys_of(above)
     base = pose_now(obj) if above is None else np.array(above.matrix_world, float)
     place = tuple(np.round(base[:3, 3] / 0.5).tolist()) if above is None else ()
     key = (scene.name, obj.unisim.uid, scene.frame_current, obj.unisim_track.drawn[:400], place)
@@ -79,16 +77,13 @@ def ask_points() -> None:
         return
     clock = Clock.of(source.drive)
     time_s = float(clock.time_s(np.array(float(frame_of(scene)))))
-    if keys is None or len(keys[0]) < 2:
-        times, poses = [time_s], [base.ravel().tolist()]
-    else:
-        times = clock.time_s(keys[0]).tolist()
-        poses = keyed_poses(above, keys[0].tolist()).reshape(-1, 16).tolist()
+    path = path_of(obj, clock, displaced=False)
     if shown.waiting is not None:
         shown.waiting[0].cancel(shown.waiting[1])
     worker = client(interpreter())
     values = {"log": str(source.log_path), "size_m": size_now(obj).tolist(), "time_s": time_s}
-    shown.waiting = worker, worker.ask("box_points", **values, times_s=times, poses=poses), key, base
+    poses = path.poses.reshape(-1, 16).tolist()
+    shown.waiting = worker, worker.ask("box_points", **values, times_s=path.times_s.tolist(), poses=poses), key, base
     run_soon(gather, POLL_S)
 
 
