@@ -42,10 +42,12 @@ class RenderedState:
     margin: int = 0
 
     def comparable(self, other: RenderedState) -> bool:
-        """Return whether frames of the two differ by actors and static boxes alone, each where they are: in weather the
-        light of the air depends on the whole image."""
-        in_weather = self.state.weather is not None or other.state.weather is not None
-        return self.about == other.about and self.margin == other.margin and not in_weather
+        """Return whether frames of the two differ by actors and static boxes alone, each where they are. In rain and snow
+        that takes one time; the light of the air depends on neither (`Renderer.air`)."""
+        weather = self.state.weather
+        falling = weather is not None and bool(weather.rain_mm_h or weather.snow_mm_h)
+        alike = self.about == other.about and self.margin == other.margin and weather == other.state.weather
+        return alike and (not falling or self.at_the_time_of(other))
 
     def at_the_time_of(self, other: RenderedState) -> bool:
         """Return whether the states have the same window of time."""

@@ -31,7 +31,7 @@ from ..sensors.bounds import beside_boxes
 from ..sensors.camera import along_axis, camera_rays, pixel_grid
 from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
 from ..sensors.lidar import BeamMeasurements, lidar_rays, sweep_frame
-from ..sensors.rays import Rays
+from ..sensors.rays import Rays, exposure_window
 from ..sensors.unprojection import has_direction, image_mask, least_pixels_per_rad
 from ..weather import camera as camera_weather
 from ..weather import lidar as lidar_weather
@@ -45,10 +45,14 @@ from .visibility import Reach
 
 MAX_LATTICE_SPACING_PX = 1.5
 """Widest spacing of a lattice, in pixels of the images that the scene was trained on."""
+WEATHER_MAPS = {"depth", "instance"}
+"""Maps of an image that weather needs."""
 MIN_PREVIEW_WIDTH_PX = 16
 """Smallest width of a preview, in pixels."""
-SKY_WIDTH_PX = 64
-"""Width of the image from which the light of the air is estimated, in pixels."""
+SKY_WIDTH_PX = 128
+"""Width of the image from which the air is estimated, in pixels."""
+MAX_STORED_AIR = 64
+"""Number of images whose air is stored."""
 
 
 @dataclass
@@ -74,8 +78,8 @@ class _Exposure:
     """What waits for the whole image, which a GPU has begun."""
     lights: dict[str, FloatArray] = field(default_factory=dict)
     """Brightness of white ground under an actor, by the actor's id."""
-    airlight: FloatArray | None = None
-    """Light (3,) of the air of the weather; None where the image is to be that of clear air."""
+    air: camera_weather.Air | None = None
+    """The air of the weather; None where the image is to be that of clear air."""
     particles: camera_weather.DrawnParticles | None = None
     """Drops and flakes in the image, once they are drawn."""
 
@@ -120,7 +124,8 @@ class Renderer:
     def __init__(self, backend: Backend, shadows: bool = False, lighting: Backend | None = None) -> None:
         self.backend, self.shadows = backend, shadows
         self._bound = _Binding(backend)
-        self._behind = _Binding(backend)
+        self._behind, self._empty = _Binding(backend), _Binding(backend)
+        self._air: dict[tuple[object, ...], camera_weather.Air] = {}
         self._lighting = self._bound if lighting is None or lighting is backend else _Binding(lighting)
         self.quality = backend.quality
         """Settings of speed and accuracy; they may be changed between two frames."""
@@ -265,40 +270,58 @@ class Renderer:
             for actor in displaced(state, recorded)
             if actor.uid in tracer.active.uids
         }
-        needed = _needed(passes, bool(shadowing or moved)) | ({"depth"} if state.weather is not None else set())
+        needed = _needed(passes, bool(shadowing or moved)) | (WEATHER_MAPS if state.weather is not None else set())
         undeciding = needed - _needed(passes, False)
         exposure = _Exposure(tracer, state, camera, time_s, passes, needed, undeciding, shadowing, moved)
         if state.weather is not None:
-            small = camera.resized(min(SKY_WIDTH_PX, camera.model.width))
-            clear = replace(exposure, camera=small, passes=("rgb", "depth"), stats=RenderStats())
-            (tile,) = self._tiles(clear, Region.of_image(small.model))
-            exposure.airlight = camera_weather.airlight(tile.frame, small, time_s)
+            exposure.air = self.air(state, camera, time_s)
         return exposure
+
+    def air(self, state: WorldState, camera: Camera, time_s: float) -> camera_weather.Air:
+        """Return the air in a camera's images of a state: that of the recorded world without actors, so that no edit
+        changes it. It is estimated once for an exposure."""
+        small = camera.resized(min(SKY_WIDTH_PX, camera.model.width))
+        path = camera.world_from_camera.between(*exposure_window(camera, time_s))
+        key = (small.sensor_id, small.model_at(time_s), small.full_width, path.content(), time_s, self.quality)
+        if key not in self._air:
+            empty = replace(state, actors=(), static_copies=(), removed_boxes=(), weather=None)
+            tracer = self._empty.tracer(empty, self.quality)
+            clear = _Exposure(tracer, empty, small, time_s, ("rgb", "depth"), {"depth"})
+            (tile,) = self._tiles(clear, Region.of_image(small.model))
+            rays = camera_rays(small, time_s, *pixel_grid(small.model))
+            up = np.flatnonzero((rays.directions[..., 2] > 0).reshape(-1))
+            flat, probability = rays.flat(), np.ones(rays.time_s.shape, np.float32)
+            above = Rays(flat.origins[up], flat.directions[up], flat.time_s[up])
+            traced = tracer.trace(above, {"depth"}, False, None, RenderStats())
+            probability.reshape(-1)[up] = tracer.returns(traced, above.directions)[1]
+            if len(self._air) >= MAX_STORED_AIR:
+                del self._air[next(iter(self._air))]
+            self._air[key] = camera_weather.air_of(tile.frame, small, time_s, probability)
+        return self._air[key]
 
     def _finished(self, exposure: _Exposure, frame: CameraFrame, region: Region) -> CameraFrame:
         """Return the frame of a region in the state's weather, blank where its lens shows nothing."""
-        self._put_in_weather(exposure, frame, region)
+        rows, columns = slice(region.top, region.bottom), slice(region.left, region.right)
+        self._put_in_weather(exposure, frame, rows, columns)
         return _blanked(frame, region)
 
-    def _put_in_weather(self, exposure: _Exposure, frame: CameraFrame, region: Region | None) -> None:
-        """Change a frame's colours by the state's weather, and leave out depths that only the weather needs; None: of a
-        preview, without particles."""
-        weather = exposure.state.weather
-        if exposure.airlight is None or weather is None:
+    def _put_in_weather(
+        self, exposure: _Exposure, frame: CameraFrame, rows: slice, columns: slice, preview: bool = False
+    ) -> None:
+        """Change a frame's colours by the state's weather, a preview's without particles, and leave out maps that only the
+        weather needs. The frame is of these rows and columns of the image."""
+        weather, air = exposure.state.weather, exposure.air
+        if air is None or weather is None:
             return
-        drawn, rows, columns = None, slice(0), slice(0)
-        if region is not None:
-            if exposure.particles is None:
-                exposure.particles = camera_weather.drawn_particles(exposure.camera, exposure.time_s, weather)
-            drawn, rows, columns = (
-                exposure.particles,
-                slice(region.top, region.bottom),
-                slice(region.left, region.right),
-            )
-        width = exposure.camera.model.width
-        frame.rgb = camera_weather.weathered(frame, weather, exposure.airlight, drawn, rows, columns, width)
-        if region is None or "depth" not in exposure.passes:
+        if exposure.particles is None and not preview:
+            exposure.particles = camera_weather.drawn_particles(exposure.camera, exposure.time_s, weather)
+        size = exposure.camera.model.height, exposure.camera.model.width
+        drawn = None if preview else exposure.particles
+        frame.rgb = camera_weather.weathered(frame, weather, air, drawn, rows, columns, size)
+        if preview or "depth" not in exposure.passes:
             frame.depth_m = frame.z_depth_m = None
+        if preview or "instance" not in exposure.passes:
+            frame.instance = None
 
     def _shadowing(self, state: WorldState, camera: Camera) -> list[Actor]:
         """Return the actors under which a camera sees contact shadows."""
@@ -381,16 +404,18 @@ class Renderer:
         for stride, done in steps:
             values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in sparse.values.items() if name != NEAR_BOXES}
             if stride > 1:
-                names = ("rgb", "unsupported", *(("depth",) if exposure.airlight is not None else ()))
+                names = ("rgb", "unsupported", *(WEATHER_MAPS if exposure.air is not None else ()))
                 few = {name: values[name][::stride, ::stride] for name in names if name in values}
                 preview = CameraFrame(
                     model,
                     camera.world_from_camera.at(time_s),
                     few["rgb"],
                     few.get("depth"),
+                    instance=few.get("instance"),
                     unsupported=few.get("unsupported"),
                 )
-                self._put_in_weather(exposure, preview, None)
+                few_rows, few_columns = (slice(part.start, part.stop, stride) for part in (rows, columns))
+                self._put_in_weather(exposure, preview, few_rows, few_columns, preview=True)
                 yield Tile(preview, region, (stride, stride), (rows.start, columns.start))
                 continue
             part = region._replace(
@@ -511,7 +536,7 @@ class Renderer:
         model = camera.model_at(time_s)
         out = CameraFrame(model, pose, image[inner], instances=exposure.tracer.active.uids, stats=exposure.stats)
         shape = -(-image.shape[0] // up), -(-image.shape[1] // up)
-        shown = {*exposure.passes, *(("depth",) if exposure.airlight is not None else ())}
+        shown = {*exposure.passes, *(WEATHER_MAPS if exposure.air is not None else ())}
         fill_passes(out, {name: x for name, x in maps.items() if name in shown}, along, shape, up, inner)
         return out
 
@@ -571,11 +596,15 @@ class Renderer:
             )
             stats.seconds = {"trace": time.perf_counter() - begun}
             frame = sweep_frame(lidar, time_s, rays, measured, tracer.active.uids, seed, stats)
-            if state.weather is None:
-                return frame
-            return lidar_weather.weathered(frame, lidar, state.weather, time_s)
+            return self.sweep_in_weather(frame, state, lidar, time_s)
 
         return finish
+
+    def sweep_in_weather(self, frame: LidarFrame, state: WorldState, lidar: Lidar, time_s: float) -> LidarFrame:
+        """Return the sweep of clear air at ``time_s`` in the state's weather."""
+        if state.weather is None:
+            return frame
+        return lidar_weather.weathered(frame, lidar, state.weather, time_s)
 
     def beams(
         self, state: WorldState, rays: Rays, lidar: Lidar | None = None, stats: RenderStats | None = None
