@@ -57,7 +57,7 @@ from ...translations import localized, message
 from ..operator_bases import AtOnce, Editing, EditsObjects, Needing, in_thread, nothing_runs, reporting
 from .properties import show_certain
 
-LABELS = tuple((name, name, f"{size_m[0]:.1f} m") for name, size_m in USUAL_M.items())
+LABELS = tuple((name, name, "") for name in USUAL_M)
 ACCEPTED = 1.0
 PLACE_TEXTS = {
     "jump": translatable("jumps by {value:.1f} m"),
