@@ -28,10 +28,9 @@ from ...bridge.objects.imported import imported_objects, source_of
 from ...bridge.objects.sensors import camera_model_of
 from ...bridge.objects.trajectories import keyed_pose, remove
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.views.points import kind_of, sweep_of
 from ...bridge.window import Need, areas, choose, chosen, drive, object_mode, redraw, selected
 from ...core.errors import UnisimError
-from ...core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw
+from ...core.geometry import Trajectory, make_pose, quaternion_from_yaw
 from ...core.tracks.box_file import (
     Track,
     default_path,
@@ -46,9 +45,9 @@ from ...core.tracks.box_file import (
 from ...core.tracks.doubtful import DoubtfulPlace, doubtful_places
 from ...core.tracks.shape import USUAL_M
 from ...core.world.drive import Actor, Appearance
+from ...editing.motion.plausibility import ground_height
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.source import DriveSource, open_source
-from ...editing.sensors.sweeps import RECORDED
 from ...editing.texts import Text, translatable
 from ...preferences import interpreter
 from ...process.background import launch
@@ -157,22 +156,6 @@ class UNISIM_OT_edit_boxes(Editing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-BESIDE_M, NEAR_M, LOW = 2.0, 6.0, 0.05
-"""Distances of points from which the ground below a box is told, and the share of them below it."""
-
-
-def ground_below(scene: bpy.types.Scene, place: FloatArray) -> float:
-    """Return the height of the lowest recorded points about a place (3,); the place's own where no points are shown."""
-    near = []
-    for obj in imported_objects(scene, "POINTS"):
-        if kind_of(obj) == RECORDED:
-            points = sweep_of(obj).points
-            away = np.linalg.norm(points[:, :2] - place[:2], axis=1)
-            near.append(points[(away < NEAR_M) & (away > BESIDE_M), 2])
-    heights = np.concatenate(near) if near else np.zeros(0)
-    return float(np.quantile(heights, LOW)) if len(heights) else float(place[2])
-
-
 class UNISIM_OT_draw_box(Editing, bpy.types.Operator):
     """Add a box of a class at the 3D cursor, along the vehicle's heading; move and turn it, then Track This"""
 
@@ -191,7 +174,8 @@ class UNISIM_OT_draw_box(Editing, bpy.types.Operator):
         if ego is not None:
             pose = keyed_pose(ego, frame_of(scene))
             heading = float(np.arctan2(pose[1, 0], pose[0, 0]))
-        place[2] = ground_below(scene, place) + size[2] / 2
+        ground_m = ground_height(source, place, scene.frame_current)
+        place[2] = size[2] / 2 + (place[2] if ground_m is None else ground_m)
         uid = new_uid(scene, source.drive)
         path = Trajectory.from_poses(np.zeros(1), make_pose(place, quaternion_from_yaw(heading))[None])
         actor = Actor(uid, self.label, size, path, -np.inf, np.inf, False, Appearance(uid))
