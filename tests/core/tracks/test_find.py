@@ -241,7 +241,9 @@ def test_what_one_sensor_alone_saw(searched: tuple[Log, tuple[Track, ...]]) -> N
     lidar = next(iter(log.drive.lidars))
     seen = seen_by(log, (moving, standing, away))
     assert lidar in seen[moving.actor.uid] and lidar in seen[standing.actor.uid] and seen["away"] == set()
-    assert "away: none" in report(log, (moving, away))
+    page = report(log, (moving, away))
+    assert re.search(r"<td>away<[^\n]* class=alone>none", page) and page.startswith("<!doctype html>")
+    assert f"1 moving {moving.actor.label}, 1 standing {standing.actor.label}" in page
 
 
 def test_ground_is_below_what_stands(tmp_path: Path) -> None:

@@ -14,8 +14,8 @@ from zipfile import BadZipFile
 import numpy as np
 
 from ..data.log import Log
-from ..errors import LogError, OutputError
-from ..files import write_file
+from ..errors import LogError
+from ..files import write_cached
 from ..geometry import FloatArray
 from ..poses.posed import cached_file
 from .clusters import Cluster, moving_clusters
@@ -98,10 +98,7 @@ def _write(path: Path, evidence: Evidence) -> None:
         keys=keys,
         values=values,
     )
-    try:
-        write_file(path, file.getvalue())
-    except OutputError:
-        pass  # a cache that cannot be written costs time and nothing else
+    write_cached(path, file.getvalue())
 
 
 def _read(path: Path) -> Evidence:

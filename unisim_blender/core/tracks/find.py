@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..data.log import Log
-from ..geometry import UNIT_BOX_CORNERS, FloatArray, Trajectory, invert_pose, quaternion_from_yaw, transform_points
+from ..geometry import UNIT_BOX_CORNERS, FloatArray, Trajectory, invert_pose, transform_points
 from ..world.drive import Actor, Appearance, Drive
 from .associate import associate
 from .box_file import Track, moved
@@ -171,8 +171,7 @@ def actor_of(
     uid: str, label: str, size_m: FloatArray, path: PlanarPath, ground: GroundHeights, is_moving: bool
 ) -> Actor:
     """Return the actor on a path, which stands on the ground."""
-    positions = np.concatenate([path.positions, (ground.height(path.positions) + size_m[2] / 2)[:, None]], 1)
-    track = Trajectory(path.times_s, positions, quaternion_from_yaw(path.yaw_rad))
+    track = path.trajectory(ground.height(path.positions) + size_m[2] / 2)
     uid = f"{label.lower()}-{uid}"
     return Actor(uid, label, size_m, track, float(path.times_s[0]), float(path.times_s[-1]), is_moving, Appearance(uid))
 

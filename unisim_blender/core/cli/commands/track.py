@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -55,7 +54,7 @@ def command(
     from ...tracks.box_file import default_path, write_boxes
     from ...tracks.detections import detected_boxes, detector_named, fused, linked
     from ...tracks.find import find_tracks, in_own_world
-    from ...tracks.report import report
+    from ...tracks.report import report, summary
     from ...tracks.scans import scans_of
 
     recorded, out = open_log(log), out or default_path(log)
@@ -96,6 +95,4 @@ def command(
         drive = replace(recorded.drive, actors={track.actor.uid: track.actor for track in tracks})
         with Bar(total=len(drive.frames), unit="frame", desc="film", delay=0.5, disable=quiet) as bar:
             write_log_film(recorded, drive, film, lambda done, total: bar.update())
-    counts = Counter(f"{'moving' if track.actor.is_moving else 'standing'} {track.actor.label}" for track in tracks)
-    kinds = ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items()))
-    click.echo(f"{out}: {len(tracks)} tracks: {kinds or 'none'}", err=as_json)
+    click.echo(f"{out}: {len(tracks)} tracks: {summary(tracks)}", err=as_json)
