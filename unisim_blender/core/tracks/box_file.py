@@ -105,6 +105,12 @@ def halves(track: Track, time_s: float, uid: str) -> tuple[Track, Track]:
     return parts[0], parts[1]
 
 
+def common_times(a: Actor, b: Actor, least_s: float) -> FloatArray:
+    """Return some times (9,) at which two actors are both there; (0,) where that lasts less than ``least_s``."""
+    start, end = max(a.start_s, b.start_s), min(a.end_s, b.end_s)
+    return np.linspace(start, end, 9 if end - start >= max(least_s, 0.0) else 0)
+
+
 def unused_uid(uid: str, taken: Container[str]) -> str:
     """Return an id, with a number where it is taken."""
     return next(name for name in chain([uid], (f"{uid}-{number}" for number in count(2))) if name not in taken)

@@ -32,7 +32,7 @@ from ..registry import Registry
 from ..world.box_tracks import CLOSEST_KEYS_S, HALF_FRAME_S, TrackedBoxes, actor_of_boxes, passing_times
 from ..world.drive import Actor, Appearance
 from .associate import associate
-from .box_file import Track, unused_uid
+from .box_file import Track, common_times, unused_uid
 from .clusters import Cluster
 from .register import smoothed
 
@@ -201,14 +201,10 @@ def fused(found: Sequence[Track], detected: Sequence[Track]) -> tuple[Track, ...
 
 def _is_same(a: Actor, b: Actor) -> bool:
     """Return whether two actors are in one place while both are there, which is half of the shorter's time or more."""
-    start, end = max(a.start_s, b.start_s), min(a.end_s, b.end_s)
-    if end <= start or end - start < 0.5 * min(a.end_s - a.start_s, b.end_s - b.start_s):
-        return False
-    times = np.linspace(start, end, 9)
-    away = np.linalg.norm(
-        (a.world_from_actor.positions_at(times) - b.world_from_actor.positions_at(times))[:, :2], axis=1
-    )
-    return float(np.median(away)) < max(SAME_M, SAME_PART * max(a.size_m[0], b.size_m[0]))
+    times = common_times(a, b, min(a.end_s - a.start_s, b.end_s - b.start_s) / 2)
+    places = [actor.world_from_actor.positions_at(times)[:, :2] for actor in (a, b)]
+    away = np.linalg.norm(places[0] - places[1], axis=1)
+    return bool(len(times)) and float(np.median(away)) < max(SAME_M, SAME_PART * max(a.size_m[0], b.size_m[0]))
 
 
 def _continued(own: Actor, other: Actor) -> Actor:

@@ -11,7 +11,7 @@ from ..data.log import Log
 from ..geometry import UNIT_BOX_CORNERS, FloatArray, Trajectory, invert_pose, transform_points
 from ..world.drive import Actor, Appearance, Drive
 from .associate import associate
-from .box_file import Track, moved
+from .box_file import Track, common_times, moved
 from .boxes import closest_heading
 from .certainty import moving_features, probability
 from .clusters import Cluster
@@ -155,10 +155,9 @@ def without_doubles(tracks: Sequence[Track]) -> list[Track]:
 
 def _covers(larger: Actor, smaller: Actor) -> bool:
     """Return whether ``smaller`` is near ``larger`` for most of its time, and its middle or a good part of it inside."""
-    start, end = max(larger.start_s, smaller.start_s), min(larger.end_s, smaller.end_s)
-    if end - start < 0.5 * (smaller.end_s - smaller.start_s) or start > end:
+    times = common_times(larger, smaller, (smaller.end_s - smaller.start_s) / 2)
+    if not len(times):
         return False
-    times = np.linspace(start, end, 9)
     poses, others = larger.world_from_actor.at(times), smaller.world_from_actor.at(times)
     corners = transform_points(others, UNIT_BOX_CORNERS * smaller.size_m * 0.8)
     inside = np.abs(transform_points(invert_pose(poses), corners)[..., :2]) < larger.size_m[:2] / 2

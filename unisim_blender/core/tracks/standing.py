@@ -50,13 +50,13 @@ class StandingBox:
     size_m: FloatArray
     first_s: float
     last_s: float
-    features: tuple[float, ...]
-    """Of `certainty.FEATURES`, without what is around; none of a cone."""
     returns: int
     sweeps: int
-    rise_m: float
+    features: tuple[float, ...] = ()
+    """Of `certainty.FEATURES`, without what is around; none of a cone."""
+    rise_m: float = 0.0
     """How much higher returns reach in the rear third than in the front one, metres; 0 where an end is not seen."""
-    is_end: bool
+    is_end: bool = False
     """Whether only an end is seen, so that the heading may be off by a quarter of a turn."""
 
 
@@ -160,28 +160,23 @@ def standing_box(voxels: FloatArray) -> StandingBox | None:
     ends = extent(local)
     middle, edges = completed(ends, usual, viewed_from(ends, usual, views))
     size = np.append(edges, top)
-    return StandingBox(
-        "Car",
-        float(yaw),
-        rotated(yaw, middle),
-        size,
-        float(voxels[:, 6].min()),
-        float(voxels[:, 7].max()),
-        _features(voxels, local - middle, views[:, 1] - middle[1], size),
-        int(voxels[:, 0].sum()),
-        int(voxels[:, 0].max()),
-        _rise(local[:, 0], voxels[:, 3]),
-        is_end,
-    )
+    features = _features(voxels, local - middle, views[:, 1] - middle[1], size)
+    rise = _rise(local[:, 0], voxels[:, 3])
+    return StandingBox("Car", float(yaw), rotated(yaw, middle), size, *_seen(voxels), features, rise, is_end)
+
+
+def _seen(voxels: FloatArray) -> tuple[float, float, int, int]:
+    """Return when voxels were seen first and last, and by how many returns of how many sweeps."""
+    counts = voxels[:, 0]
+    return float(voxels[:, 6].min()), float(voxels[:, 7].max()), int(counts.sum()), int(counts.max())
 
 
 def _cone(voxels: FloatArray, top: float) -> StandingBox:
     """Return the box of something as small as a cone, which may be much else."""
     low, high = voxels[:, 1:3].min(0), voxels[:, 1:3].max(0)
-    size = np.array([*np.maximum(high - low, VOXEL_M), top])
-    counts = int(voxels[:, 0].sum()), int(voxels[:, 0].max())
-    times = float(voxels[:, 6].min()), float(voxels[:, 7].max())
-    return StandingBox("Cones", 0.0, (low + high) / 2, size, *times, (), *counts, 0.0, False)
+    return StandingBox(
+        "Cones", 0.0, (low + high) / 2, np.array([*np.maximum(high - low, VOXEL_M), top]), *_seen(voxels)
+    )
 
 
 def _rise(along: FloatArray, height: FloatArray) -> float:

@@ -105,10 +105,13 @@ def gather() -> float | None:
     return POLL_S if following else None
 
 
+selected_boxes = selected("Select a box first: draw one or find actors", "TRACK")
+
+
 class SetsKeys(EditsObjects):
     """What sets a key of the selected boxes at this frame."""
 
-    needs = (object_mode, drive, selected("Select a box first: draw one or find actors", "TRACK"))
+    needs = (object_mode, drive, selected_boxes)
 
     def edit(self, context: bpy.types.Context) -> None:
         clock = Clock.of(source_of(context.scene).drive)

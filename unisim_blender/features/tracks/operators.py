@@ -28,7 +28,7 @@ from ...bridge.objects.imported import imported_objects, source_of
 from ...bridge.objects.sensors import camera_model_of
 from ...bridge.objects.trajectories import keyed_pose, remove
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.window import Need, areas, choose, chosen, drive, object_mode, redraw, selected
+from ...bridge.window import Need, areas, choose, chosen, drive, object_mode, redraw
 from ...core.errors import UnisimError
 from ...core.geometry import Trajectory, make_pose, quaternion_from_yaw
 from ...core.tracks.box_file import (
@@ -53,7 +53,8 @@ from ...preferences import interpreter
 from ...process.background import launch
 from ...process.tasks import Task
 from ...translations import localized, message
-from ..operator_bases import AtOnce, Editing, EditsObjects, Needing, in_thread, nothing_runs, reporting
+from ..operator_bases import AtOnce, EditsObjects, Needing, in_thread, nothing_runs, reporting
+from .following import selected_boxes
 from .properties import show_certain
 
 LABELS = tuple((name, name, "") for name in USUAL_M)
@@ -137,14 +138,13 @@ class UNISIM_OT_find_actors(Needing, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_edit_boxes(Editing, bpy.types.Operator):
+class UNISIM_OT_edit_boxes(EditsObjects, bpy.types.Operator):
     """Correct the boxes that the log has: its actors are hidden until the boxes are saved"""
 
     bl_label = "Edit the Log's Boxes"
     needs = (object_mode, drive)
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> None:
         scene = context.scene
         source = source_of(scene)
         if is_box_file(source.log_path):
@@ -153,10 +153,9 @@ class UNISIM_OT_edit_boxes(Editing, bpy.types.Operator):
             tracks = [Track(actor, source="log") for _, actor in sorted(source.drive.actors.items())]
         there = {obj.unisim.uid for obj in tracks_in(scene)}
         begin(scene, [track for track in tracks if track.actor.uid not in there], source)
-        return {"FINISHED"}
 
 
-class UNISIM_OT_draw_box(Editing, bpy.types.Operator):
+class UNISIM_OT_draw_box(EditsObjects, bpy.types.Operator):
     """Add a box of a class at the 3D cursor, along the vehicle's heading; move and turn it, then Track This"""
 
     bl_label = "Draw Box"
@@ -164,8 +163,7 @@ class UNISIM_OT_draw_box(Editing, bpy.types.Operator):
 
     label: EnumProperty(name="Class", description="Class of the actor", items=LABELS, default="Car")
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> None:
         scene = context.scene
         source = source_of(scene)
         size, place = np.array(USUAL_M[self.label]), np.array(scene.cursor.location, float)
@@ -181,10 +179,6 @@ class UNISIM_OT_draw_box(Editing, bpy.types.Operator):
         actor = Actor(uid, self.label, size, path, -np.inf, np.inf, False, Appearance(uid))
         (obj,) = begin(scene, [Track(actor, ACCEPTED, "person")], source)
         choose(context, obj)
-        return {"FINISHED"}
-
-
-selected_boxes = selected("Select a box first: draw one or find actors", "TRACK")
 
 
 class UNISIM_OT_accept_boxes(EditsObjects, bpy.types.Operator):
@@ -306,23 +300,21 @@ def places_of(scene: bpy.types.Scene) -> tuple[DoubtfulPlace, ...]:
     return doubtful_places(shown, clock.times_s)
 
 
-class UNISIM_OT_next_doubtful(Needing, bpy.types.Operator):
+class UNISIM_OT_next_doubtful(EditsObjects, bpy.types.Operator):
     """Go to the next doubtful place of a box: a jump, a gap, two boxes in one, an implausible speed, turn or size"""
 
     bl_label = "Next Doubtful Place"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, boxes_there)
 
     back: bpy.props.BoolProperty(name="Back", description="Go to the one before", options={"SKIP_SAVE"})
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> None:
         scene = context.scene
         places = places_of(scene)
         if not places:
             scene.unisim_tracks.place = ""
             self.report({"INFO"}, message("No place is doubtful"))
-            return {"FINISHED"}
+            return
         keys = [[place.uid, round(place.time_s, 3), place.kind] for place in places]
         shown = json.loads(scene.unisim_tracks.place or "null")
         step = -1 if self.back else 1
@@ -336,14 +328,12 @@ class UNISIM_OT_next_doubtful(Needing, bpy.types.Operator):
         look_at(context, obj)
         text = f"{obj.name} {localized(Text(PLACE_TEXTS[place.kind], value=place.value))}"
         scene.unisim_tracks.place = json.dumps({"key": keys[at], "text": text, "number": at + 1, "count": len(places)})
-        return {"FINISHED"}
 
 
-class UNISIM_OT_dismiss_doubtful(Needing, bpy.types.Operator):
+class UNISIM_OT_dismiss_doubtful(EditsObjects, bpy.types.Operator):
     """Note that the doubtful place that is shown is right, also in the file of boxes, and go to the next one"""
 
     bl_label = "Dismiss"
-    bl_options = {"REGISTER", "UNDO"}
 
     @staticmethod
     def shows_place(context: bpy.types.Context) -> Need:
@@ -352,8 +342,7 @@ class UNISIM_OT_dismiss_doubtful(Needing, bpy.types.Operator):
 
     needs = (object_mode, boxes_there, shows_place)
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> set[str]:
         scene = context.scene
         uid, time_s, kind = json.loads(scene.unisim_tracks.place)["key"]
         for obj in tracks_in(scene):
@@ -415,12 +404,11 @@ class UNISIM_OT_save_boxes(Needing, AtOnce, bpy.types.Operator):
         bpy.ops.ed.undo_push(message=self.bl_label)
 
 
-class UNISIM_OT_discard_boxes(Editing, bpy.types.Operator):
+class UNISIM_OT_discard_boxes(EditsObjects, bpy.types.Operator):
     """Remove all boxes that are not saved; the actors of the log are shown again"""
 
     bl_label = "Discard Boxes"
     needs = (object_mode, boxes_there)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> None:
         take_tracks(context.scene)
-        return {"FINISHED"}
