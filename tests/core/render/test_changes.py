@@ -51,7 +51,8 @@ STILL = {
 }
 BEAMS = {**{name: value for name, value in FEW_BEAMS.items() if name != "mount"}, "id": "beams", "trajectory": PLACE}
 FOG = WeatherKeys({"visibility_m": ((0.0, 60.0),)})
-STEADY = WeatherKeys({**FOG.keys, "rain_mm_h": ((0.0, 20.0),)})
+WET = WeatherKeys({"wetness": ((0.0, 0.5),)})
+STEADY = WeatherKeys({**FOG.keys, "snow_mm_h": ((0.0, 2.0),)})
 TIMES_US = (100_000, 150_000, 200_000, 290_000, 340_000)
 
 
@@ -121,7 +122,7 @@ def random_edits(drive: Drive, seed: int) -> Drive:
     return replace(drive, actors=dict(sorted(actors.items())))
 
 
-@pytest.mark.parametrize("weather", [None, STEADY], ids=["clear", "fog and rain"])
+@pytest.mark.parametrize("weather", [None, STEADY], ids=["clear", "fog and snow"])
 @pytest.mark.parametrize("camera_id", ["still", "front_camera"])
 def test_pixels_outside_the_regions_of_an_edit_have_the_same_bits(
     renderer: DriveFrames, camera_id: str, weather: WeatherKeys | None
@@ -203,7 +204,7 @@ def test_images_have_the_bits_of_whole_ones(renderer: DriveFrames, weather: Weat
     assert rays[0] == 1 and max(rays[1:]) < 0.8, rays
 
 
-@pytest.mark.parametrize("weather", [None, STEADY], ids=["clear", "fog and rain"])
+@pytest.mark.parametrize("weather", [None, STEADY], ids=["clear", "fog and snow"])
 def test_sweeps_have_the_bits_of_whole_ones(renderer: DriveFrames, weather: WeatherKeys | None) -> None:
     drive = replace(renderer.drive, weather=weather)
     kept = DriveFrames(renderer.renderer, drive, 7, FrameReuse())
@@ -248,7 +249,8 @@ def test_weather_that_differs_or_falls_changes_all_of_an_image(renderer: DriveFr
         return RenderedState(drive.state(camera, time_s), ())
 
     for before, after, later_s, alike in (
-        (FOG, FOG, 0.1, True), (STEADY, STEADY, 0.0, True), (STEADY, STEADY, 0.1, False), (None, FOG, 0.0, False)
+        (FOG, FOG, 0.1, True), (STEADY, STEADY, 0.0, True), (STEADY, STEADY, 0.1, False), (None, FOG, 0.0, False),
+        (WET, WET, 0.0, False),
     ):  # fmt: skip
         regions = changed_regions(renderer.renderer, rendered(before, 0.2), rendered(after, 0.2 + later_s), camera)
         assert (regions is not None) == alike, (before, after, later_s)

@@ -42,12 +42,13 @@ class RenderedState:
     margin: int = 0
 
     def comparable(self, other: RenderedState) -> bool:
-        """Return whether frames of the two differ by actors and static boxes alone, each where they are. In rain and snow
-        that takes one time; the light of the air depends on neither (`Renderer.air`)."""
+        """Return whether frames of the two differ by actors and static boxes alone, each where they are. In snow that takes
+        one time; wet ground, as in rain, reflects them elsewhere; the light of the air depends on neither
+        (`Renderer.air`)."""
         weather = self.state.weather
-        falling = weather is not None and bool(weather.rain_mm_h or weather.snow_mm_h)
-        alike = self.about == other.about and self.margin == other.margin and weather == other.state.weather
-        return alike and (not falling or self.at_the_time_of(other))
+        if self.about != other.about or self.margin != other.margin or weather != other.state.weather:
+            return False
+        return weather is None or not (weather.wet or (weather.snow_mm_h and not self.at_the_time_of(other)))
 
     def at_the_time_of(self, other: RenderedState) -> bool:
         """Return whether the states have the same window of time."""

@@ -21,7 +21,7 @@ from ..world.replay import WorldState
 from .changes import RenderedState, changed_beams, changed_regions, standing_pose
 from .renderer import Renderer
 
-PASS_FIELDS = ("rgb", "depth_m", "z_depth_m", "normal", "instance", "opacity", "unsupported")
+PASS_FIELDS = ("rgb", "depth_m", "z_depth_m", "normal", "instance", "opacity", "unsupported", "confidence")
 MAX_CHANGED_SHARE = 0.7
 """Share of a frame that may differ above which all of it is rendered."""
 

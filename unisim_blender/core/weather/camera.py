@@ -25,7 +25,7 @@ HORIZON_WIDTH_RAD = 0.15
 """Angle above the horizon over which the sky counts less, by a factor e, for the airlight."""
 CLOUDY_SHARE = 0.02
 """Share of an image that what is no sky counts for, so that the airlight does not jump where the last sky vanishes."""
-DARKEST_SKY, REDDEST_SKY = 0.4, 0.8
+DARKEST_SKY, REDDEST_SKY = 0.4, 0.9
 """Luminance, and blue over red, of the darkest and of the reddest sky, relative to the airlight's."""
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 NEAREST_M, FURTHEST_M = 0.3, 12.0
@@ -44,6 +44,14 @@ class Air(NamedTuple):
     light: FloatArray
     open_sky: NDArray[np.float32]
 
+    def over(self, colours: NDArray[np.float32], through: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Put the airlight over linear colours (..., 3), in place, by the transmittance (...) in front of them."""
+        light = self.light.astype(np.float32)
+        colours -= light
+        colours *= through[..., None]
+        colours += light
+        return colours
+
     def sky(self, frame: CameraFrame, rows: slice, columns: slice, size: tuple[int, int]) -> BoolArray:
         """Return which pixels (h, w) show sky: those without a surface, and those of a surface that would not return a
         beam and is as bright and as blue as the airlight. The frame is of these rows and columns of an image of ``size``,
@@ -52,20 +60,27 @@ class Air(NamedTuple):
         sky = np.isinf(frame.depth_m)
         if not self.open_sky.any():
             return sky
-        weights = self.open_sky
-        for axis, (part, count) in enumerate(zip((rows, columns), size, strict=True)):
-            cells = weights.shape[axis]
-            at = np.clip((np.arange(count)[part] + 0.5) * cells / count - 0.5, 0, cells - 1).astype(np.float32)
-            low = np.minimum(at.astype(np.int64), max(cells - 2, 0))
-            share = (at - low).reshape((-1, 1) if axis == 0 else (1, -1))
-            high = np.minimum(low + 1, cells - 1)
-            weights = weights.take(low, axis) * (1 - share) + weights.take(high, axis) * share
+        weights = interpolated(self.open_sky[..., None], rows, columns, size)[..., 0]
         y, x = np.nonzero((weights > 0.5) & ~sky)
         if frame.instance is not None:
             still = frame.instance[y, x] == 0
             y, x = y[still], x[still]
         sky[y, x] = is_sky_coloured(linear_from_srgb(frame.rgb[y, x]), self.light)
         return sky
+
+
+def interpolated(
+    coarse: NDArray[np.float32], rows: slice, columns: slice, size: tuple[int, int]
+) -> NDArray[np.float32]:
+    """Return the values (H, W, C) of a coarse image (h, w, C) at these rows and columns of an image of ``size``, height and
+    width: bilinear."""
+    for axis, (part, count) in enumerate(zip((rows, columns), size, strict=True)):
+        cells = coarse.shape[axis]
+        at = np.clip((np.arange(count)[part] + 0.5) * cells / count - 0.5, 0, cells - 1).astype(np.float32)
+        low = np.minimum(at.astype(np.int64), max(cells - 2, 0))
+        share = (at - low).reshape((-1, 1, 1) if axis == 0 else (1, -1, 1))
+        coarse = coarse.take(low, axis) * (1 - share) + coarse.take(np.minimum(low + 1, cells - 1), axis) * share
+    return coarse
 
 
 def is_sky_coloured(colours: NDArray[np.float32], light: FloatArray) -> BoolArray:
@@ -252,14 +267,17 @@ def weathered(
     parts = extinctions(weather)
     size = size or (frame.depth_m.shape[0], frame.depth_m.shape[1])
     fog, falling = parts["fog"], parts["rain"] + parts["snow"]
+    if not fog + falling:
+        return frame.rgb
     depth_m = np.where(air.sky(frame, rows, columns, size), np.float32(np.inf), frame.depth_m)
     through = transmittance(fog + falling, depth_m)
     if drawn is not None:
         through *= 1 - drawn.coverage(frame, rows, columns, size[1])
         # what is drawn is not in the air a second time
         through *= np.exp(np.float32(falling) * np.minimum(depth_m, np.float32(drawn.bulk_from_m)))
-    image, light = linear_from_srgb(frame.rgb), air.light.astype(np.float32)
-    image -= light
-    image *= through[..., None]
-    image += light
-    return srgb_from_linear(image)
+    return srgb_from_linear(air.over(linear_from_srgb(frame.rgb), through))
+
+
+def air_through(weather: Weather, depth_m: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the transmittance (...) of the air over depths (...), metres, inf for the sky, without drawn particles."""
+    return transmittance(sum(extinctions(weather).values()), depth_m)

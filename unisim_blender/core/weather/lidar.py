@@ -30,6 +30,7 @@ from ..world.drive import Lidar
 from ..world.weather import Receiver, Weather
 from .atmosphere import LIDAR_RATIO_SR, backscatter, extinctions
 from .particles import ParticleClass, Particles, particle_classes
+from .wet_ground import beam_gain
 
 LIGHT_M_NS = 0.299792458
 PULSE_STEPS = 32
@@ -73,12 +74,13 @@ def detectable(receiver: Receiver, max_range_m: float) -> float:
 
 
 def is_lost(
-    intensity: NDArray[np.float32], depth_m: FloatArray, extinction: float, receiver: Receiver, max_range_m: float
-) -> BoolArray:
-    """Return whether targets (...) that return in clear air are below the threshold: their reserve there is 1 plus their
-    power over the threshold's, so that none is lost without weather."""
+    intensity: NDArray[np.float32], depth_m: FloatArray, extinction: float, receiver: Receiver, max_range_m: float,
+    gain: FloatArray | float = 1.0,
+) -> BoolArray:  # fmt: skip
+    """Return whether targets (...) that return in clear air, dry, are below the threshold: their reserve there is 1 plus
+    their power over the threshold's, so that none is lost without weather. ``gain`` (...) is that of wet ground."""
     reserve = 1 + intensity / receiver.threshold * (max_range_m / np.maximum(depth_m, 1e-3)) ** 2
-    return np.asarray(reserve * np.exp(-2 * extinction * depth_m) < 1)
+    return np.asarray(reserve * gain * np.exp(-2 * extinction * depth_m) < 1)
 
 
 def soft_cells(
@@ -93,15 +95,21 @@ def soft_cells(
     return starts[some], means[some]
 
 
-def weathered(frame: LidarFrame, lidar: Lidar, weather: Weather, time_s: float) -> LidarFrame:
-    """Return the sweep at ``time_s`` in weather, given the clear one. Beams that return what is in the air belong to no
-    actor, and have the intensity of a diffuse target with their power. Random draws depend on the weather's seed, the
-    LiDAR and the time alone."""
+def weathered(
+    frame: LidarFrame, lidar: Lidar, weather: Weather, time_s: float, ground: BoolArray | None = None
+) -> LidarFrame:
+    """Return the sweep at ``time_s`` in weather, given the clear one, of which ``ground`` (B, C) may be wet. Beams that
+    return what is in the air belong to no actor, and have the intensity of a diffuse target with their power. Random draws
+    depend on the weather's seed, the LiDAR and the time alone."""
     receiver, model = weather.receiver, frame.model
     extinction, least = sum(extinctions(weather).values()), detectable(receiver, model.max_range_m)
     target_m = np.maximum(frame.depth_m.astype(np.float64), 1e-3)
     passed = np.exp(-2 * extinction * target_m)
-    lost = frame.returned & is_lost(frame.intensity, target_m, extinction, receiver, model.max_range_m)
+    gain = np.ones(target_m.shape)
+    if ground is not None:
+        gain[ground] = beam_gain(frame.intensity[ground], -frame.directions[ground][:, 2], weather.wet)
+    lost = frame.returned & is_lost(frame.intensity, target_m, extinction, receiver, model.max_range_m, gain)
+    passed *= gain
     seen = frame.returned & ~lost
     power = np.where(seen, frame.intensity * passed * overlap(target_m, receiver) / target_m**2, 0.0)
     strongest = np.maximum(power, least)
