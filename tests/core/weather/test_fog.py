@@ -130,7 +130,8 @@ def test_weather_that_changes_nothing_leaves_the_bits_and_parts_have_those_of_th
     assert nothing.at(0.1) is None
     plain = render_image(renderer, states(renderer, drive, None), capture, CAMERA_PASSES)
     assert_same(render_image(renderer, states(renderer, drive, nothing), capture, CAMERA_PASSES), plain)
-    foggy = states(renderer, drive, FOG)
+    soaked = WeatherKeys({**FOG.keys, "rain_mm_h": ((0.0, 20.0),), "wetness": ((0.0, 1.0),)})
+    foggy = states(renderer, drive, soaked)
     whole = render_image(renderer, foggy, capture)
     height, width = whole.rgb.shape[:2]
     region = Region(width // 3, height // 4, width - 5, height - 2)

@@ -157,7 +157,7 @@ def test_hits_of_beams_are_those_of_a_plain_loop(weather: Weather) -> None:
     lidar, receiver = Lidar("top", model, turned, {0: 0.0}), Receiver(divergence_mrad=20.0)
     least = detectable(receiver, 200.0)
     for group in list(particle_classes(weather))[2:3]:
-        beams, distances, powers = particle_returns(group, lidar, 0.0, receiver, least)
+        beams, distances, powers = particle_returns(group, lidar, 0.0, receiver, least, 0.0)
         far_m = float(distances.max())
         expected: dict[tuple[int, float], float] = {}
         rays = lidar_rays(lidar, 0.0)
@@ -210,7 +210,7 @@ def test_two_cameras_and_the_sweep_have_the_same_flake() -> None:
     )  # fmt: skip
     lidar = Lidar("top", one, Trajectory(np.zeros(1), origin[None], np.array([[1.0, 0, 0, 0]])), {0: 0.0})
     assert np.allclose(beam_directions(one)[0, 1], way / np.linalg.norm(way))
-    hits = [particle_returns(g, lidar, 0.0, Receiver(), 1e-9) for g in particle_classes(SNOW)]
+    hits = [particle_returns(g, lidar, 0.0, Receiver(), 1e-9, 0.0) for g in particle_classes(SNOW)]
     ranges = np.concatenate([distance[beam == 1] for beam, distance, _ in hits])
     assert np.abs(ranges - np.linalg.norm(way)).min() < 1e-6
 

@@ -37,6 +37,7 @@ from ..sensors.unprojection import has_direction, image_mask, least_pixels_per_r
 from ..weather import camera as camera_weather
 from ..weather import lidar as lidar_weather
 from ..weather import wet_ground
+from ..weather.spray import Puffs, spray
 from ..world.drive import Actor, Camera, Lidar
 from ..world.replay import WorldState
 from .confidence import RecordedDepth, ViewEvidence, probability
@@ -52,7 +53,7 @@ WEATHER_MAPS = {"depth", "instance"}
 """Maps of an image that weather needs."""
 MIN_PREVIEW_WIDTH_PX = 16
 """Smallest width of a preview, in pixels."""
-SKY_WIDTH_PX = 80
+SKY_WIDTH_PX = 64
 """Width of the image from which the air is estimated, in pixels."""
 MIRROR_WIDTH_PX, MIRROR_LIFT_M = 192, 0.05
 """Width of the coarse image of what the ground reflects, in pixels, and the height, metres, at which mirrored rays start."""
@@ -87,6 +88,8 @@ class _Exposure:
     """The air of the weather; None where the image is to be that of clear air."""
     mirror: wet_ground.Mirror | None = None
     """What wet ground reflects, once it is traced."""
+    puffs: Puffs | None = None
+    """Spray behind vehicles, once it is looked for."""
     particles: camera_weather.DrawnParticles | None = None
     """Drops and flakes in the image, once they are drawn."""
 
@@ -336,12 +339,18 @@ class Renderer:
         if exposure.particles is None and not preview:
             exposure.particles = camera_weather.drawn_particles(exposure.camera, exposure.time_s, weather)
         size = exposure.camera.model.height, exposure.camera.model.width
+        sprayed = None
         if weather.wet:
             if exposure.mirror is None:
                 exposure.mirror = self._mirror(exposure)
             frame.rgb = exposure.mirror.wetted(frame, weather.wet, air, rows, columns, size)
+            assert frame.depth_m is not None
+            if exposure.puffs is None:
+                exposure.puffs = spray(exposure.state.actors, weather, exposure.time_s)
+            if len(exposure.puffs.radii_m):
+                sprayed = exposure.puffs.image_depth(exposure.camera, exposure.time_s, frame.depth_m, rows, columns)
         drawn = None if preview else exposure.particles
-        frame.rgb = camera_weather.weathered(frame, weather, air, drawn, rows, columns, size)
+        frame.rgb = camera_weather.weathered(frame, weather, air, drawn, rows, columns, size, sprayed)
         if preview or "depth" not in exposure.passes:
             frame.depth_m = frame.z_depth_m = None
         if preview or "instance" not in exposure.passes:
@@ -712,12 +721,13 @@ class Renderer:
         """Return the sweep of clear air at ``time_s`` in the state's weather."""
         if state.weather is None:
             return frame
-        ground = None
+        ground = puffs = None
         if state.weather.wet:
+            puffs = spray(state.actors, state.weather, time_s)
             points = frame.origins + frame.directions * frame.depth_m[..., None]
             heights = self.tracer(state).heights(points.reshape(-1, 3)).reshape(frame.depth_m.shape)
             ground = frame.returned & wet_ground.is_ground(heights, -frame.directions[..., 2])
-        return lidar_weather.weathered(frame, lidar, state.weather, time_s, ground)
+        return lidar_weather.weathered(frame, lidar, state.weather, time_s, ground, puffs)
 
     def beams(
         self, state: WorldState, rays: Rays, lidar: Lidar | None = None, stats: RenderStats | None = None

@@ -60,8 +60,14 @@ class Air(NamedTuple):
         sky = np.isinf(frame.depth_m)
         if not self.open_sky.any():
             return sky
+        numbers = np.arange(size[0])[rows]
+        lowest = (np.flatnonzero(self.open_sky.any(1))[-1] + 1.5) * size[0] / len(self.open_sky)
+        count = int(np.searchsorted(numbers, lowest))
+        if not count:
+            return sky
+        rows = slice(int(numbers[0]), int(numbers[count - 1]) + 1, rows.step)
         weights = interpolated(self.open_sky[..., None], rows, columns, size)[..., 0]
-        y, x = np.nonzero((weights > 0.5) & ~sky)
+        y, x = np.nonzero((weights > 0.5) & ~sky[:count])
         if frame.instance is not None:
             still = frame.instance[y, x] == 0
             y, x = y[still], x[still]
@@ -260,21 +266,27 @@ def covered_by(
 def weathered(
     frame: CameraFrame, weather: Weather, air: Air, drawn: DrawnParticles | None = None,
     rows: slice = slice(None), columns: slice = slice(None), size: tuple[int, int] | None = None,
+    sprayed: NDArray[np.float32] | None = None,
 ) -> NDArray[np.float32]:  # fmt: skip
     """Return the colours (H, W, 3), sRGB, of a clear frame with depths in weather. The frame is of these rows and columns of
-    an image of ``size``, height and width, in which particles are drawn, if any are."""
+    an image of ``size``, height and width, in which particles are drawn, if any are. ``sprayed`` (H, W) is the optical
+    depth of spray."""
     assert frame.depth_m is not None
     parts = extinctions(weather)
     size = size or (frame.depth_m.shape[0], frame.depth_m.shape[1])
     fog, falling = parts["fog"], parts["rain"] + parts["snow"]
-    if not fog + falling:
+    if not fog + falling and sprayed is None:
         return frame.rgb
-    depth_m = np.where(air.sky(frame, rows, columns, size), np.float32(np.inf), frame.depth_m)
-    through = transmittance(fog + falling, depth_m)
-    if drawn is not None:
-        through *= 1 - drawn.coverage(frame, rows, columns, size[1])
-        # what is drawn is not in the air a second time
-        through *= np.exp(np.float32(falling) * np.minimum(depth_m, np.float32(drawn.bulk_from_m)))
+    through = np.ones(frame.depth_m.shape, np.float32)
+    if fog + falling:
+        depth_m = np.where(air.sky(frame, rows, columns, size), np.float32(np.inf), frame.depth_m)
+        through = transmittance(fog + falling, depth_m)
+        if drawn is not None:
+            through *= 1 - drawn.coverage(frame, rows, columns, size[1])
+            # what is drawn is not in the air a second time
+            through *= np.exp(np.float32(falling) * np.minimum(depth_m, np.float32(drawn.bulk_from_m)))
+    if sprayed is not None:
+        through *= np.exp(-sprayed)
     return srgb_from_linear(air.over(linear_from_srgb(frame.rgb), through))
 
 
