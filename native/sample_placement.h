@@ -99,4 +99,40 @@ inline void invert_weights(const float *cdf, int places, int stride, int count, 
     }
 }
 
+// A point (3) around the volume's centre in the unit cube of the background's grid: mip-NeRF 360's contraction (Barron et
+// al., 2022, eq. 10). x is in the volume's coordinates.
+inline void contract(const unisim_scene &scene, const float *x, float *out) {
+    float y[3], norm = 0;
+    for (int a = 0; a < 3; ++a) {
+        y[a] = (x[a] - scene.size[a] / 2) / scene.background_radius_m;
+        norm += y[a] * y[a];
+    }
+    norm = std::fmax(std::sqrt(norm), 1e-9f);
+    const float scale = norm <= 1 ? 1.0f : (2 - 1 / norm) / norm;
+    for (int a = 0; a < 3; ++a) out[a] = y[a] * scale / 4 + 0.5f;
+}
+
+constexpr float MAX_LOG_DENSITY = 8.0f;
+
+// Edges (count + 1) of intervals behind the volume, as fractions of disparity, with equal shares of the weights of
+// `places` densities at even places; cdf (places + 1) is scratch.
+inline void find_background_edges(const float *density, int places, int count, float *cdf, float *edges) {
+    float before = 0, total = 0;
+    for (int k = 0; k < places; ++k) {
+        const float depth_of = density[k] / static_cast<float>(places);
+        cdf[k + 1] = exp_of(-before) * opacity_of(depth_of) + 1e-3f;
+        total += cdf[k + 1];
+        before += depth_of;
+    }
+    cdf[0] = edges[0] = 0;
+    for (int k = 1; k <= places; ++k) cdf[k] = cdf[k - 1] + 0.8f * cdf[k] / total + 0.2f / static_cast<float>(places);
+    int j = 1;
+    for (int k = 1; k <= count; ++k) {
+        const float target = static_cast<float>(k) / static_cast<float>(count) * cdf[places];
+        while (j < places && cdf[j] <= target) ++j;
+        edges[k] = (static_cast<float>(j - 1) + (target - cdf[j - 1]) / (cdf[j] - cdf[j - 1])) /
+                   static_cast<float>(places);
+    }
+}
+
 } // namespace
