@@ -3,28 +3,35 @@
 #include "one_ray.h"
 #include "sample_placement.h"
 
+#include <memory>
+
 namespace {
 
-// First outputs s (rays, count) of a field at places t (rays, count) along rays; point(ray, t, x) gives the point in the
+// First outputs s (n, count) of a field at places t (n, count) along rays; point(i, t, x) gives the point of ray i in the
 // field's unit cube.
-template <class Point>
-void evaluate_along(const Field &field, const std::vector<int64_t> &rays, size_t count, const float *t, float *s,
-                    const Point &point) {
-    float x[3][BLOCK];
-    std::vector<float> code(static_cast<size_t>(BLOCK) * field.inputs), h(static_cast<size_t>(BLOCK) * field.wide);
-    const size_t n = rays.size() * count;
-    for (size_t first = 0; first < n; first += BLOCK) {
-        const int points = static_cast<int>(std::min<size_t>(BLOCK, n - first));
-        for (int i = 0; i < (points + LANES - 1) / LANES * LANES; ++i) {
-            const size_t j = first + static_cast<size_t>(std::min(i, points - 1));
-            float p[3];
-            point(rays[j / count], t[j], p);
-            for (int a = 0; a < 3; ++a) x[a][i] = p[a];
-        }
-        field.units(x, nullptr, points, code.data(), h.data());
-        for (int i = 0; i < points; ++i) s[first + static_cast<size_t>(i)] = field.first_output(&h[static_cast<size_t>(i) * field.wide]);
+struct FieldAlong {
+    const Field &field;
+    std::vector<float> code, h;
+
+    explicit FieldAlong(const Field &of)
+        : field(of), code(static_cast<size_t>(BLOCK) * of.inputs), h(static_cast<size_t>(BLOCK) * of.wide) {}
+
+    template <class Point> void evaluate(size_t n, size_t count, const float *t, float *s, const Point &point) {
+        float x[3][BLOCK], p[3];
+        int points = 0;
+        for (size_t i = 0; i < n; ++i)
+            for (size_t k = 0; k < count; ++k, ++t) {
+                point(i, *t, p);
+                for (int a = 0; a < 3; ++a) x[a][points] = p[a];
+                if (++points < BLOCK && !(i + 1 == n && k + 1 == count)) continue;
+                for (int rest = points; rest % LANES; ++rest)
+                    for (int a = 0; a < 3; ++a) x[a][rest] = p[a];
+                field.units(x, nullptr, points, code.data(), h.data());
+                for (int j = 0; j < points; ++j) *s++ = field.first_output(&h[static_cast<size_t>(j) * field.wide]);
+                points = 0;
+            }
     }
-}
+};
 
 // A ray that steps through the voxels.
 struct VoxelRay {
@@ -79,8 +86,7 @@ struct StepFinder {
         const int64_t steps = span > 0 ? static_cast<int64_t>(std::ceil(span / ray.step)) : 0;
         const size_t room = static_cast<size_t>(steps + 2 * BLOCK);
         if (p.size() < room) p.resize(room), depth.resize(room);
-        out.step.resize(room);
-        out.mass.resize(room);
+        if (out.step.size() < room) out.step.resize(room), out.mass.resize(room);
         size_t count = 0;
         uint8_t value[BLOCK];
         for (int64_t first = 0; first < steps; first += BLOCK) {
@@ -100,8 +106,7 @@ struct StepFinder {
             store(&p[i], mass * exp_of(-decay * ray.step * (load(&depth[i]) - mass)));
         }
         prefix_sums(p.data(), quarter, out.mass.data());
-        out.step.resize(count);
-        out.mass.resize(count);
+        out.count = count;
     }
 };
 
@@ -202,30 +207,37 @@ extern "C" int UNISIM_NAME(unisim_place_static)(const unisim_scene *scene, const
                                                 int threads) {
     constexpr int RAYS = 32;
     const Field field(scene->static_field);
-    const float step = scene->voxel_m / 2, lower[3] = {};
+    const float step = scene->voxel_m / 2, lower[3] = {},
+                per_size[3] = {1 / scene->size[0], 1 / scene->size[1], 1 / scene->size[2]};
     const size_t k = static_cast<size_t>(proposals);
-    parallel_blocks(n, RAYS, threads, [&](int64_t begin, int64_t end) {
+    struct Memory {
         StepFinder finder;
-        Refiner refiner(proposals, scene->beta, uniform);
-        std::vector<OccupiedSteps> occupied(RAYS);
-        std::vector<int64_t> rays;
-        std::vector<float> at(RAYS * k), s(at.size()), quantiles(static_cast<size_t>(count));
+        Refiner refiner;
+        FieldAlong along;
+        OccupiedSteps occupied[RAYS];
+        int64_t rays[RAYS];
+        std::vector<float> at, s, quantiles;
+    };
+    const auto place = [&](Memory &m, int64_t begin, int64_t end) {
+        auto &[finder, refiner, along, occupied, rays, at, s, quantiles] = m;
+        size_t hit = 0;
         for (int64_t r = begin; r < end; ++r) {
             const float span = t_far[r] - t_near[r];
-            OccupiedSteps &steps = occupied[rays.size()];
+            OccupiedSteps &steps = occupied[hit];
             finder.find({origins + r * 3, directions + r * 3, scene->voxels, scene->voxel_shape, lower,
                          1.0f / scene->voxel_m, t_near[r], step},
                         span, scene->decay_per_m, steps);
             mass[r] = steps.total();
             if (!(mass[r] > 0)) continue;
-            place_quantiles(steps, step, t_near[r], u + r * proposals, proposals, 1, &at[rays.size() * k]);
-            rays.push_back(r);
+            place_quantiles(steps, step, t_near[r], u + r * proposals, proposals, 1, &at[hit * k]);
+            rays[hit++] = r;
         }
-        evaluate_along(field, rays, k, at.data(), s.data(), [&](int64_t r, float place, float *x) {
-            for (int a = 0; a < 3; ++a) x[a] = (origins[r * 3 + a] + place * directions[r * 3 + a]) / scene->size[a];
+        along.evaluate(hit, k, at.data(), s.data(), [&](size_t i, float t_at, float *x) {
+            const float *o = origins + rays[i] * 3, *d = directions + rays[i] * 3;
+            for (int a = 0; a < 3; ++a) x[a] = (o[a] + t_at * d[a]) * per_size[a];
         });
         int64_t box = std::lower_bound(box_ray, box_ray + boxes, begin) - box_ray;
-        for (size_t i = 0; i < rays.size(); ++i) {
+        for (size_t i = 0; i < hit; ++i) {
             const int64_t r = rays[i];
             const float *o = origins + r * 3, *d = directions + r * 3, *places = &at[i * k];
             while (box < boxes && box_ray[box] < r) ++box;
@@ -239,6 +251,12 @@ extern "C" int UNISIM_NAME(unisim_place_static)(const unisim_scene *scene, const
             refiner.refine(u + r * proposals, places, &s[i * k], jitter + r * count, count, quantiles.data());
             place_quantiles(occupied[i], step, t_near[r], quantiles.data(), count, 1, t + r * count);
         }
+    };
+    parallel_bodies(n, RAYS, threads, [&] {
+        return [&, m = std::make_unique<Memory>(Memory{{}, {proposals, scene->beta, uniform}, FieldAlong(field), {}, {},
+                                                       std::vector<float>(RAYS * k), std::vector<float>(RAYS * k),
+                                                       std::vector<float>(static_cast<size_t>(count))})](
+                   int64_t begin, int64_t end) { place(*m, begin, end); };
     });
     return 0;
 }
@@ -250,28 +268,27 @@ extern "C" int UNISIM_NAME(unisim_place_background)(const unisim_scene *scene, c
                                                     const float *directions, const float *t0, int64_t n,
                                                     const float *u, int proposals, const float *within, int count,
                                                     float *place, float *width, int threads) {
-    constexpr int RAYS = 32;
+    constexpr int RAYS = 64;
     const Field field(scene->background);
     const size_t k = static_cast<size_t>(proposals), c = static_cast<size_t>(count);
     parallel_blocks(n, RAYS, threads, [&](int64_t begin, int64_t end) {
-        std::vector<float> at(RAYS * k), density(at.size()), cdf(k + 1), edges(c + 1);
-        std::vector<int64_t> rays;
-        for (int64_t r = begin; r < end; ++r) {
+        const size_t rays = static_cast<size_t>(end - begin), first = static_cast<size_t>(begin);
+        std::vector<float> at(rays * k), density(at.size()), cdf(k + 1), edges(c + 1);
+        for (size_t i = 0; i < rays; ++i)
             for (size_t j = 0; j < k; ++j) {
-                const float part = u[static_cast<size_t>(r) * k + j];
-                at[rays.size() * k + j] = 1 / ((1 - part) / t0[r] + part / scene->background_far_m);
+                const float part = u[(first + i) * k + j];
+                at[i * k + j] = 1 / ((1 - part) / t0[first + i] + part / scene->background_far_m);
             }
-            rays.push_back(r);
-        }
-        evaluate_along(field, rays, k, at.data(), density.data(), [&](int64_t r, float t, float *x) {
+        FieldAlong(field).evaluate(rays, k, at.data(), density.data(), [&](size_t i, float t, float *x) {
+            const float *o = origins + (first + i) * 3, *d = directions + (first + i) * 3;
             float y[3];
-            for (int a = 0; a < 3; ++a) y[a] = origins[r * 3 + a] + t * directions[r * 3 + a];
+            for (int a = 0; a < 3; ++a) y[a] = o[a] + t * d[a];
             contract(*scene, y, x);
         });
-        for (size_t i = 0; i < rays.size() * k; ++i) density[i] = exp_of(min_of(density[i], MAX_LOG_DENSITY));
-        for (size_t i = 0; i < rays.size(); ++i) {
+        for (size_t i = 0; i < rays * k; ++i) density[i] = exp_of(min_of(density[i], MAX_LOG_DENSITY));
+        for (size_t i = 0; i < rays; ++i) {
             find_background_edges(&density[i * k], proposals, count, cdf.data(), edges.data());
-            const size_t row = static_cast<size_t>(rays[i]) * c;
+            const size_t row = (first + i) * c;
             for (size_t j = 0; j < c; ++j) {
                 width[row + j] = edges[j + 1] - edges[j];
                 const float inside = within[row + j] * static_cast<float>(count) - static_cast<float>(j);

@@ -10,10 +10,11 @@ namespace {
 
 // The occupied steps of one ray and their cumulative mass.
 struct OccupiedSteps {
-    std::vector<int32_t> step;
+    size_t count = 0;
+    std::vector<int32_t> step; // with room for more than there are
     std::vector<float> mass;
 
-    float total() const { return mass.empty() ? 0.0f : mass.back(); }
+    float total() const { return count ? mass[count - 1] : 0.0f; }
 };
 
 // Finds the steps, of half a voxel, in voxels that are not free.
@@ -43,6 +44,7 @@ inline void find_occupied(const unisim_scene &scene, const float *o, const float
         out.mass.push_back(total);
         out.step.push_back(i);
     }
+    out.count = out.step.size();
 }
 
 // Places t (count), `stride` apart, of rising quantiles u (count), `stride` apart.
@@ -51,7 +53,7 @@ inline void place_quantiles(const OccupiedSteps &in, float step, float t_near, c
     size_t j = 0;
     for (int k = 0; k < count; ++k) {
         const float target = u[k * stride] * in.total();
-        while (j + 1 < in.mass.size() && in.mass[j] <= target) ++j;
+        while (j + 1 < in.count && in.mass[j] <= target) ++j;
         const float before = j ? in.mass[j - 1] : 0.0f;
         const float fraction = std::fmin(std::fmax((target - before) / (in.mass[j] - before), 0.0f), 1.0f);
         t[k * stride] = t_near + (static_cast<float>(in.step[j]) + fraction) * step;

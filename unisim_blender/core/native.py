@@ -11,6 +11,8 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+from .errors import UnisimError
+
 ABI_VERSION = 16
 VARIANT_VARIABLE = "UNISIM_NATIVE_VARIANT"
 """The variable of the environment that chooses the kernels' instruction set."""
@@ -118,7 +120,8 @@ class HeadStruct(ctypes.Structure):
 
 @functools.cache
 def library() -> ctypes.CDLL | None:
-    """The kernels, or None (with one warning) where they were not built. UNISIM_NATIVE=0 disables them."""
+    """The kernels, or None (with one warning) where they were not built. UNISIM_NATIVE=0 disables them. Raises `UnisimError`
+    where they were built from other sources."""
     if os.environ.get("UNISIM_NATIVE") == "0":
         return None
     path = Path(__file__).parent / f"_unisim_native{_SUFFIX}"
@@ -129,11 +132,12 @@ def library() -> ctypes.CDLL | None:
             f"the compiled kernels are not at {path} ({error}); plain torch takes their place, slowly", stacklevel=2
         )
         return None
-    if lib.unisim_abi_version() != ABI_VERSION:
-        warnings.warn(
-            f"{path} belongs to another version; plain torch takes its place, slowly: run make setup", stacklevel=2
+    version = lib.unisim_abi_version()
+    if version != ABI_VERSION:
+        raise UnisimError(
+            f"{path} was built from other sources (version {version}, these have {ABI_VERSION}): run make setup, or set "
+            "UNISIM_NATIVE=0 for plain torch, which is ten times slower"
         )
-        return None
     p, i64, i32, f32, f64 = ctypes.c_void_p, ctypes.c_int64, ctypes.c_int, ctypes.c_float, ctypes.c_double
     lib.unisim_variant.restype = ctypes.c_char_p
     lib.unisim_encode_forward.argtypes = [p, p, p, i64, p, p, i32]

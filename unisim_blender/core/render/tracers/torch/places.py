@@ -11,11 +11,13 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from .... import native
+from ....model.fields import BackgroundModel, StaticField
 from ....model.networks import two_layers_of
 from ....model.scene import SceneModel
 from ....ops import field, propose
 from ....ops.constants import DECAY_PER_M, GROUND_CELL_M, GROUND_CLEARANCE_M, QUANTILE_FLOOR
 from ....ops.devices import kernel_threads
+from ....ops.dispatch import on_cpu
 from ....ops.propose import RaySpans
 from ....ops.transmittances import weights_from_tau
 
@@ -31,16 +33,14 @@ class BoxSpans(NamedTuple):
 def are_compiled(scene: SceneModel, like: Tensor) -> bool:
     """Return whether the compiled kernels place samples of rays like ``like``: where they serve each of the steps, and
     distances are signed."""
-    table, weights = scene.static.grid.table, two_layers_of(scene.static.network, 1)
-    if like.device.type != "cpu" or scene.config.density == "volume":
+    own = type(scene.static) is StaticField and type(scene.background) is BackgroundModel
+    if not own or not on_cpu((like,)) or scene.config.density == "volume":
         return False
+    table, weights = scene.static.grid.table, two_layers_of(scene.static.network, 1)
     with torch.no_grad():
         queried = field.OPERATION.chosen(scene.static.grid.grid, table, like, *weights)
-    return (
-        queried
-        == propose.OPERATION.chosen(scene.occupancy.voxels, RaySpans(like, like, like, like), like)
-        == "compiled"
-    )
+    proposed = propose.OPERATION.chosen(scene.occupancy.voxels, RaySpans(like, like, like, like), like)
+    return queried == proposed == "compiled"
 
 
 class _Scene:
