@@ -80,7 +80,7 @@ class _Scene:
 
 
 def static_places(
-    scene: SceneModel, spans: RaySpans, boxes: BoxSpans | None, u: Tensor, jitter: Tensor
+    scene: SceneModel, spans: RaySpans, boxes: BoxSpans, u: Tensor, jitter: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Return places t (N, K'), metres, where rays stop in the static field, and the mass (N,) of the occupied voxels
     along them, by the compiled kernel: `propose` at quantiles u (N, K), the field's distances there, and `propose` at the
@@ -88,12 +88,12 @@ def static_places(
     lib = native.library()
     assert lib is not None
     rays = [x.detach().contiguous() for x in (spans.origins, spans.directions, spans.t_near, spans.t_far)]
-    inside = [x.detach().contiguous() for x in boxes or ()]
+    inside = [x.detach().contiguous() for x in boxes]
     u, jitter, of = u.contiguous(), jitter.contiguous(), _Scene(scene)
     t, mass = torch.empty_like(jitter), u.new_empty(len(u))
     lib.unisim_place_static(
-        ctypes.byref(of.struct), *(x.data_ptr() for x in rays), len(u), *([x.data_ptr() for x in inside] or [None] * 3),
-        len(inside[0]) if inside else 0, u.data_ptr(), u.shape[1], QUANTILE_FLOOR, jitter.data_ptr(), jitter.shape[1],
+        ctypes.byref(of.struct), *(x.data_ptr() for x in rays), len(u), *(x.data_ptr() for x in inside),
+        len(inside[0]), u.data_ptr(), u.shape[1], QUANTILE_FLOOR, jitter.data_ptr(), jitter.shape[1],
         t.data_ptr(), mass.data_ptr(), kernel_threads(),
     )  # fmt: skip
     return t, mass
