@@ -88,8 +88,10 @@ def test_samples_and_gradients_are_those_of_plain_torch(scene: SceneModel, monke
 
 
 def test_boxes_are_cleared_by_the_kernel(scene: SceneModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    last = scene.static.network[-1]
+    assert isinstance(last, torch.nn.Linear)
     with torch.no_grad():
-        scene.static.network[-1].bias[0] = -1.0  # solid everywhere but in the box
+        last.bias[0] = -1.0  # solid everywhere but in the box
         cleared, filled = traced(scene), traced(scene, there=False)
         in_plain_torch(monkeypatch)
         plain = traced(scene)
