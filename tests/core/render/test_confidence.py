@@ -178,5 +178,16 @@ def test_confidence_beside_the_truth_of_a_street(renderer: Renderer) -> None:
     shares, means = [x.mean() for x in right], [x.mean() for x in claimed]
     assert shares[1] < shares[0] - 0.03 and means[1] < means[0] - 0.03, (shares, means)
     np.testing.assert_allclose(means, shares, atol=0.08)
+    lidar = header.drive.lidars["pandar64"]
+    states, time_s = DriveStates(header.drive, renderer.backend.parked), lidar.time_s[9]
+    state = states.state(*exposure_window(lidar, time_s))
+    sweep = renderer.render(state, lidar, time_s)
+    said = renderer.sweep_confidence(state, sweep)
+    assert said is not None and said.shape == sweep.depth_m.shape
+    true_sweep = truth.render(DriveStates(header.drive, {}).state(*exposure_window(lidar, time_s)), lidar, time_s)
+    both = sweep.returned & true_sweep.returned
+    close = np.abs(sweep.depth_m - true_sweep.depth_m) <= np.maximum(0.1, 0.02 * true_sweep.depth_m)
+    assert said[both].mean() == pytest.approx(close[both].mean(), abs=0.05)
+    assert said[both & close].mean() > said[both & ~close].mean() + 0.03
     least = claimed[1] < np.quantile(claimed[1], 0.2)
     assert right[1][~least].mean() > right[1][least].mean() + 0.15

@@ -70,6 +70,10 @@ def test_drivers_get_confidence_where_it_was_asked_for(simulation: Simulation, t
     assert image.confidence is not None
     assert sensors.confidence == {CAMERA: pytest.approx(image.confidence.mean())}
     assert 0 < sensors.confidence[CAMERA] < 1
+    asked = replace(simulation, plan=replace(simulation.plan, settings=settings), out=tmp_path / "asked")
+    asked.out.mkdir()
+    record = record_of(asked, roll_out(asked))
+    assert record.confidence is not None and 0 < np.mean([each for each in record.confidence if each is not None]) < 1
     plain = SimulatedSensors(simulation.plan, simulation.renderer, None)
     (image,), _ = plain.render(context.drive, first)
     assert image.confidence is None and not plain.confidence

@@ -53,7 +53,7 @@ WEATHER_MAPS = {"depth", "instance"}
 """Maps of an image that weather needs."""
 MIN_PREVIEW_WIDTH_PX = 16
 """Smallest width of a preview, in pixels."""
-SKY_WIDTH_PX = 80
+SKY_WIDTH_PX = 64
 """Width of the image from which the air is estimated, in pixels."""
 MIRROR_WIDTH_PX, MIRROR_LIFT_M = 192, 0.05
 """Width of the coarse image of what the ground reflects, in pixels, and the height, metres, at which mirrored rays start."""

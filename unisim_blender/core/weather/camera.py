@@ -60,8 +60,14 @@ class Air(NamedTuple):
         sky = np.isinf(frame.depth_m)
         if not self.open_sky.any():
             return sky
+        numbers = np.arange(size[0])[rows]
+        lowest = (np.flatnonzero(self.open_sky.any(1))[-1] + 1.5) * size[0] / len(self.open_sky)
+        count = int(np.searchsorted(numbers, lowest))
+        if not count:
+            return sky
+        rows = slice(int(numbers[0]), int(numbers[count - 1]) + 1, rows.step)
         weights = interpolated(self.open_sky[..., None], rows, columns, size)[..., 0]
-        y, x = np.nonzero((weights > 0.5) & ~sky)
+        y, x = np.nonzero((weights > 0.5) & ~sky[:count])
         if frame.instance is not None:
             still = frame.instance[y, x] == 0
             y, x = y[still], x[still]
