@@ -66,6 +66,7 @@ class WeatherSpec:
     ) = None
     rain_mm_h: Annotated[Keyed, _keyed("Rain.", minimum=0, maximum=200)] | None = None
     snow_mm_h: Annotated[Keyed, _keyed("Snow, as liquid water.", minimum=0, maximum=20)] | None = None
+    wetness: Annotated[Keyed, _keyed("Wet part of the ground; rain adds to it.", minimum=0, maximum=1)] | None = None
     seed: Annotated[int, SchemaOf({"type": "integer", "minimum": 0, "maximum": 2**31 - 1})] | None = None
     sensors: ReceiverSpec | None = None
 
