@@ -356,6 +356,20 @@ def test_a_track_goes_on_where_nothing_sees_through_its_place() -> None:
     assert np.ptp([part.middle[1] for part in chain]) < 0.5
 
 
+def test_a_turning_car_of_which_a_sweep_shows_two_pieces_stays_one_track() -> None:
+    sweeps = []
+    for number in range(24):
+        angle = 0.12 * max(number - 12, 0)  # straight on, then a turn to the left
+        at = np.array([0.0, 0.5 * min(number, 12)]) + 0.5 / 0.12 * np.array([np.cos(angle) - 1, np.sin(angle)])
+        yaw = np.pi / 2 + angle
+        ahead = 0.9 * np.array([np.cos(yaw), np.sin(yaw)])
+        rear, front = (l_shape(yaw, place, (1.6, 1.8)) for place in (at - ahead, at + ahead))
+        shown = [rear] * (number <= 12) + [front] * (number >= 12)
+        sweeps.append([cluster(part, number * 0.1) for part in shown])
+    (chain,) = associate(sweeps)
+    assert [part.middle_s for part in chain] == pytest.approx([0.1 * number for number in range(24)])
+
+
 def test_registration_takes_back_a_turning_path() -> None:
     times = np.arange(20) * 0.1
     yaw = 0.3 * times

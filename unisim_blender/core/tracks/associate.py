@@ -24,6 +24,8 @@ FEWEST = 4
 STITCH_S, STITCH_M, STITCH_GROWTH, STITCH_SPEED = 4.0, 1.5, 1.0, 4.0
 """Two tracks are one across this gap, where they lie this near and this much more for each second of it, and their
 velocities differ by no more."""
+OVERLAP_S, OVERLAP_M, OVERLAP_SPEED = 0.15, 2.0, 4.5
+"""The same where both have a piece of one thing at the end: for this long, this far apart."""
 NARROW_M, AROUND_M = 1.5, 0.2
 """What is smaller is a person's; another's returns begin this much beyond it."""
 ENDS = 6
@@ -166,16 +168,18 @@ def _stitched(chains: list[list[Cluster]]) -> list[list[Cluster]]:
         time_b, at_b, speed_b = _line(chain[:ENDS])
         for number, other in enumerate(joined):
             gap = chain[0].middle_s - other[-1].middle_s
-            if not 0 < gap < STITCH_S:
+            if not -OVERLAP_S < gap < STITCH_S:
                 continue
             time_a, at_a, speed_a = _line(other[-ENDS:])
             middle_s = (chain[0].middle_s + other[-1].middle_s) / 2
             away = float(np.linalg.norm(at_a + speed_a * (middle_s - time_a) - at_b - speed_b * (middle_s - time_b)))
-            limit = min(best, STITCH_M + STITCH_GROWTH * gap)
-            if away < limit and np.linalg.norm(speed_a - speed_b) < STITCH_SPEED:
+            overlaps = gap <= 0
+            limit = OVERLAP_M if overlaps else STITCH_M + STITCH_GROWTH * gap
+            most = OVERLAP_SPEED if overlaps else STITCH_SPEED
+            if away < min(best, limit) and np.linalg.norm(speed_a - speed_b) < most:
                 best, where = away, number
         if where < 0:
             joined.append(chain)
         else:
-            joined[where] = joined[where] + chain
+            joined[where] += [cluster for cluster in chain if cluster.middle_s > joined[where][-1].middle_s]
     return joined
