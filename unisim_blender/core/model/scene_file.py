@@ -12,7 +12,7 @@ import json
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -28,7 +28,6 @@ from ..geometry import FloatArray
 from ..json_file import Node, parse_json, read_bytes
 from ..world.drive import Box, Drive
 from ..world.drive_json import drive_to_json, read_drive
-from ..world.light import Sun, SunKeys, SunlitGround
 from ..world.replay import parked_boxes
 from .config import ModelConfig
 
@@ -75,14 +74,6 @@ class SceneHeader:
         return Exposures.from_json(Node(self.training.get("exposures", {}), "training.exposures", SceneError))
 
     @property
-    def sunlit(self) -> SunlitGround | None:
-        """Where the sun shone on the ground; None where the scene does not store it."""
-        sun = self.training.get("sun", {})
-        return (
-            SunlitGround.from_json(Node(sun["ground"], "training.sun.ground", SceneError)) if "ground" in sun else None
-        )
-
-    @property
     def parked(self) -> dict[str, Box]:
         """Boxes of actors that stood still throughout the recording, by their ids: the static field does not hold them.
         A scene that is one field holds everything, so it has none."""
@@ -120,10 +111,6 @@ def _header(file: Path, document: Node) -> SceneHeader:
     log, drive = document.key("log"), read_drive(document.key("drive"))
     if not drive.frames:
         document.key("drive").key("time_s").fail("a drive needs at least one frame")
-    training = _read_training(document.key("training"))
-    if "sun" in training:
-        sun = Sun.from_json(document.key("training").key("sun"))
-        drive = replace(drive, sun=SunKeys(sun))
     return SceneHeader(
         path=file.parent,
         name=document.key("name").text(),
@@ -133,7 +120,7 @@ def _header(file: Path, document: Node) -> SceneHeader:
         model=document.key("model").object(),
         volume=document.key("volume").object(),
         drive=drive,
-        training=training,
+        training=_read_training(document.key("training")),
         weights=document.key("weights").text() if "weights" in document.object() else "",
         fingerprint=Fingerprint.from_json(log.key("fingerprint")) if "fingerprint" in log.object() else None,
     )
@@ -160,8 +147,6 @@ def _read_training(node: Node) -> dict[str, Any]:
         check_outlines(node.key("own_vehicle"))
     if "exposures" in there:
         Exposures.from_json(node.key("exposures"))
-    if "sun" in there and "ground" in node.key("sun").object():
-        SunlitGround.from_json(node.key("sun").key("ground"))
     return there
 
 
@@ -180,7 +165,7 @@ def write_scene_header(path: Path, header: SceneHeader) -> None:
         "volume": header.volume,
         "training": header.training,
         "weights": header.weights,
-        "drive": drive_to_json(replace(header.drive, sun=None)),
+        "drive": drive_to_json(header.drive),
     }
     lines = []
     for key, value in document.items():

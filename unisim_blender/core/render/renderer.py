@@ -273,7 +273,7 @@ class Renderer:
     def _expose(self, state: WorldState, camera: Camera, time_s: float, passes: Sequence[str]) -> _Exposure:
         shadowing, tracer = self._shadowing(state, camera), self.tracer(state)
         recorded = getattr(self.backend, "recorded_actors", None)  # trained scenes have it
-        shadows = sun_shadows(state, camera, recorded, self.backend.parked, getattr(self.backend, "sunlit", None))
+        shadows = sun_shadows(state, camera, recorded, self.backend.parked)
         if shadows is not None:
             shadowing = list({actor.uid: actor for actor in (*shadowing, *shadows.actors)}.values())
         moved = {
@@ -540,19 +540,11 @@ class Renderer:
     def _light(self, exposure: _Exposure, actor: Actor) -> FloatArray:
         """Return the brightness (3,), linear, of white ground under an actor, estimated from the ground beside it in
         the camera's colours."""
-        camera, time_s = exposure.camera, exposure.time_s
-        points = beside(actor, time_s)
+        points = beside(actor, exposure.time_s)
         points[:, 2] -= exposure.tracer.heights(points)
-        to = points - camera.world_from_camera.at(time_s)[:3, 3]
-        distance = np.linalg.norm(to, axis=1, keepdims=True)
-        directions = to / distance
-        rays = Rays(points - directions * np.minimum(distance, PROBE_M), directions, np.full(len(points), time_s))
         tracer = self._lighting.tracer(exposure.state, self.quality)
-        traced = tracer.trace(rays, {"instance", "depth"}, True, None, RenderStats())
-        # one row of cells: a decoder that reads neighbours sees ground on both sides
-        rgb = tracer.image(traced, directions, camera.sensor_id, (1, len(points)))[0, :: tracer.upsample]
-        rgb = self._lighting.exposed(rgb, camera.sensor_id, time_s)
-        return level_of(rgb[(traced.maps["instance"] == 0) & (traced.maps["depth"] < 2 * PROBE_M)])
+        rgb, depth = self._probed(exposure, points, self._lighting, tracer)
+        return level_of(rgb[depth < 2 * PROBE_M])
 
     def _shaded(self, exposure: _Exposure, image: NDArray[np.float32], rays: Rays, maps: Maps) -> NDArray[np.float32]:
         """Return the image of rays (h, w) with contact shadows on the ground, and the sun's shadows that edits move."""

@@ -1,8 +1,8 @@
 """Shadows of the sun that edits move: of actors that were inserted, displaced or removed, on all that a camera sees.
 
 A pixel's light is (A + S V): A of the sky and of all around, S of the sun, V whether the sun is seen. An edit changes V
-alone, so a pixel's linear colour changes by (A + S V') / (A + S V). V is traced twice, through the actors that stood in
-the recording and through those that stand now. Shade of what is not an actor stays as it was recorded (`SunlitGround`).
+alone, so a pixel's linear colour changes by (A + S V') / (A + S V). V is traced twice, through the parked actors of the
+recording and through those that stand now; the shade of all else is not known.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import BoolArray, FloatArray, Trajectory, invert_pose, points_in_box, transform_points
+from ..geometry import BoolArray, FloatArray, invert_pose, points_in_box, transform_points
 from ..sensors.frames import RenderStats
 from ..sensors.rays import Rays
 from ..world.drive import Actor, Box, Camera, StaticCopy
-from ..world.light import Sun, SunlitGround
+from ..world.light import Sun
 from ..world.replay import WorldState
 from .contact_shadow import contact_light, displaced
 from .tracer import NEAR_M, Tracer
@@ -38,13 +38,11 @@ BESIDE_M = 0.3
 """Distance beyond a box at which it may still block: trained bodies end there."""
 NEIGHBOURS_M = 40.0
 """Distance from a changed box within which actors of the recording are traced, too."""
-SOURCE_MOMENTS = 16
-"""Number of places on a recorded trajectory by which its light is known."""
 EVERYWHERE_M = 2e4
 RING_M, RING_SPACING_M = (0.5, 1.2, 2.0), 0.7
 """Distances from a box at which ground is compared, and the spacing of places along its sides."""
-NEAREST, FAR_M = 9, 50.0
-"""Number of places that a point is compared with, and the distance that the other light counts as."""
+NEAREST = 9
+"""Number of places that a point is compared with."""
 
 
 class _Blocker(NamedTuple):
@@ -76,9 +74,6 @@ class SunShadows:
     """Those that an edit has inserted, displaced or changed."""
     removed: tuple[Box, ...]
     """Boxes in which actors stood."""
-    own_light: dict[str, FloatArray]
-    """How sunlit in 0..1 each of ``actors`` is where it stands, and where its appearance was recorded (2,), by its id."""
-    sunlit: SunlitGround | None
     bare: WorldState
     """The recorded world without actors."""
     ring: FloatArray
@@ -99,14 +94,12 @@ class SunShadows:
             return out
         toward = self.sun.direction
         start = np.full(len(points), START_M)
-        own = np.full((len(points), 2), 1.0)
-        candidates = np.zeros(len(points), bool)
+        candidates, is_own = np.zeros((2, len(points)), bool)
         for number, uid in enumerate(instance, 1):
-            if uid not in self.own_light:
-                continue
             mine = np.flatnonzero(which == number)
-            own[mine] = self.own_light[uid]
-            candidates[mine] = self.own_light[uid][0] != self.own_light[uid][1]
+            if not len(mine) or uid not in {actor.uid for actor in self.actors}:
+                continue
+            is_own[mine] = True
             # its own shadow on itself is part of its appearance
             box = next(b for b in self._blockers[0] if b.uid == uid)
             start[mine] = np.maximum(_span(box, points[mine], toward)[1], 0) + START_M
@@ -118,14 +111,11 @@ class SunShadows:
         some = np.flatnonzero(candidates)
         if not len(some):
             return out
-        seen = [
+        now, before = (
             self._visible(points[some], time_s[some], start[some], toward, group, tracers[name])
             for group, name in zip(self._blockers, ("edited", "recorded"), strict=True)
-        ]
-        is_own = np.isin(which[some], [n for n, uid in enumerate(instance, 1) if uid in self.own_light])
-        sunlit = np.ones(len(some)) if self.sunlit is None else self.sunlit.at(points[some])
-        now, before = sunlit * seen[0], sunlit * seen[1]
-        now[is_own], before[is_own] = own[some][is_own, 0] * seen[0][is_own], own[some][is_own, 1]
+        )
+        before[is_own[some]] = 1
         level = np.zeros(len(points), bool)
         level[some] = (which[some] == 0) & (np.abs(tracers["edited"].heights(points[some])) < GROUND_M)
         matter = np.zeros(len(points), bool)
@@ -159,8 +149,6 @@ class SunShadows:
         places, levels = ring.points[lit], ring.brightness[lit]
         for part in np.array_split(lighter, len(lighter) // 4096 + 1):
             apart = np.linalg.norm(points[part, None, :2] - places[None, :, :2], axis=-1)
-            if self.sunlit is not None:
-                apart += FAR_M * np.abs(self.sunlit.at(points[part])[:, None] - self.sunlit.at(places))
             nearest = np.argsort(apart, axis=1, kind="stable")[:, :NEAREST]
             limit = np.maximum(np.median(levels[nearest], 1) / np.maximum(brightness[part], 1e-4), 1)
             more = factors[part] - 1
@@ -195,9 +183,8 @@ class SunShadows:
 
 
 def sun_shadows(
-    state: WorldState, camera: Camera, recorded: Mapping[str, Actor] | None, parked: Mapping[str, Box],
-    sunlit: SunlitGround | None,
-) -> SunShadows | None:  # fmt: skip
+    state: WorldState, camera: Camera, recorded: Mapping[str, Actor] | None, parked: Mapping[str, Box]
+) -> SunShadows | None:
     """Return the shadows of a state beside those of the recording, whose actors are ``recorded`` and ``parked``; None
     where no edit changes any."""
     if state.light is None or recorded is None:
@@ -254,27 +241,9 @@ def sun_shadows(
         replace(bare, actors=ordered([standing[uid] for uid in near]), static_copies=statics),
         actors,
         tuple(parked[uid] for uid in sorted(removed)),
-        {actor.uid: _own_light(actor, moments[len(moments) // 2], recorded, sunlit) for actor in actors},
-        sunlit,
         replace(bare, removed_boxes=()),
         _ring([b for b in before if b.changed], [parked[uid] for uid in near]),
         (tuple([*now, *beside]), tuple([*before, *beside])),
-    )
-
-
-def _own_light(actor: Actor, time_s: float, recorded: Mapping[str, Actor], sunlit: SunlitGround | None) -> FloatArray:
-    """Return how sunlit (2,) an actor is at a time, and where its appearance was recorded; equal where that is not
-    known, and for a mesh, which the ground beside it lights."""
-    source = recorded.get(actor.appearance.actor)
-    if sunlit is None or source is None or actor.appearance.scene or actor.appearance.mesh:
-        return np.ones(2)
-    times = source.world_from_actor.times_s
-    every = np.linspace(times[0], times[-1], SOURCE_MOMENTS)
-    return np.array(
-        [
-            float(sunlit.at(_footprint(one.world_from_actor, at, one.size_m)).mean())
-            for one, at in ((actor, np.array([time_s])), (source, every))
-        ]
     )
 
 
@@ -294,13 +263,6 @@ def _ring(gone: Sequence[_Blocker], parked: Sequence[Box]) -> FloatArray:
     for other in parked:
         points = points[~points_in_box(points, other.world_from_box, np.asarray(other.size_m) + BESIDE_M)]
     return points
-
-
-def _footprint(trajectory: Trajectory, times_s: FloatArray, size_m: FloatArray) -> FloatArray:
-    """Return points (N, 3) of an actor's footprint at times."""
-    x, y = np.meshgrid(np.linspace(-0.4, 0.4, 5), np.linspace(-0.4, 0.4, 3))
-    local = np.stack([x, y, np.full_like(x, -0.5)], -1).reshape(-1, 3) * size_m
-    return np.concatenate([transform_points(pose, local) for pose in trajectory.at(times_s)])
 
 
 def _blocker(box: Box, changed: bool) -> _Blocker:

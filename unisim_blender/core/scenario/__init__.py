@@ -245,7 +245,7 @@ def in_weather_and_light(drive: Drive, scenario: Scenario, recorded: Drive) -> D
     if scenario.weather is not None:
         drive = replace(drive, weather=weather_of(scenario.weather))
     if scenario.light is not None:
-        drive = replace(drive, sun=sun_of(scenario.light, drive.sun, f"{scenario.path}: light"))
+        drive = replace(drive, sun=sun_of(scenario.light))
     return with_edited(drive, recorded)
 
 

@@ -1,35 +1,26 @@
-"""Light of a scenario's document: the sun in place of the recorded one, in numbers or keys over time."""
+"""Light of a scenario's document: the sun, in numbers or keys over time."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Annotated
 
-from ..world.light import DAYLIGHT, KEYED, MAX_STRENGTH, Sun, SunKeys
-from .checks import fail
+from ..world.light import KEYED, MAX_STRENGTH, SunKeys
 from .json_schema import Schema, object_of
 from .weather import Keyed, check_keys, keyed, keys_of
 
 
 @dataclass(frozen=True)
 class SunSpec:
-    """The sun, by which changed actors cast shadows; each value is a number, or a list of keys over time, and by default
-    the one that the trained scene stores."""
+    """The sun, by which changed actors cast shadows; each value is a number, or a list of keys over time."""
 
-    azimuth_deg: (
-        Annotated[
-            Keyed, keyed("Direction to the sun, counter-clockwise from the world's x.", minimum=-360, maximum=360)
-        ]
-        | None
-    ) = None
-    elevation_deg: Annotated[Keyed, keyed("Height above the horizon.", minimum=2, maximum=90)] | None = None
-    strength: (
-        Annotated[
-            Keyed,
-            keyed("The sun's part of the light on sunlit level ground; 0: none.", minimum=0, maximum=MAX_STRENGTH),
-        ]
-        | None
-    ) = None
+    azimuth_deg: Annotated[
+        Keyed, keyed("Direction to the sun, counter-clockwise from the world's x.", minimum=-360, maximum=360)
+    ]
+    elevation_deg: Annotated[Keyed, keyed("Height above the horizon.", minimum=2, maximum=90)]
+    strength: Annotated[
+        Keyed, keyed("The sun's part of the light on sunlit level ground; 0: none.", minimum=0, maximum=MAX_STRENGTH)
+    ]
 
 
 @dataclass(frozen=True)
@@ -50,13 +41,6 @@ def check_light(spec: LightSpec, place: str) -> None:
     check_keys(spec.sun, KEYED, f"{place}.sun")
 
 
-def sun_of(spec: LightSpec, recorded: SunKeys | None, place: str) -> SunKeys:
-    """Return the sun that a document states, in place of a ``recorded`` one. Raises `ScenarioError` where neither has a
-    value."""
-    keys = keys_of(spec.sun, KEYED)
-    if recorded is not None:
-        return SunKeys(recorded.recorded, {**recorded.keys, **keys})
-    missing = [name for name in KEYED if name not in keys]
-    if missing:
-        fail(f"{place}.sun", f"{' and '.join(missing)} must be given: no trained scene stores a sun")
-    return SunKeys(Sun(0.0, 90.0, DAYLIGHT), keys)
+def sun_of(spec: LightSpec) -> SunKeys:
+    """Return the sun that a document states."""
+    return SunKeys(keys_of(spec.sun, KEYED))

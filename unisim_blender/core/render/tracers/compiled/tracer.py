@@ -153,7 +153,7 @@ class CompiledBackend:
         self.parked: Mapping[str, Box] = scene.header.parked
         self.recorded_actors: Mapping[str, Actor] | None = scene.header.drive.actors
         """Actors as they were recorded, by their ids: they have the recorded ground in their boxes."""
-        self.exposures, self.sunlit = scene.header.exposures, scene.header.sunlit
+        self.exposures = scene.header.exposures
         self.space: ObservedSpace | None = None
         self.clipped = False
 
