@@ -63,7 +63,9 @@ def contact_light(points: FloatArray, boxes: Iterable[Box]) -> FloatArray:
             np.maximum(np.abs(x) - FOOTPRINT_SCALE * half[0], 0), np.maximum(np.abs(y) - FOOTPRINT_SCALE * half[1], 0)
         )
         height = np.abs(z + half[2])
-        light[near] *= 1 - MAX_DARKENING * np.exp(-(beside + height) / SHADOW_DECAY_M)
+        blocked = MAX_DARKENING * np.exp(-(beside + height) / SHADOW_DECAY_M)
+        # what is further away depends on nothing here: it may not have been rendered again
+        light[near] *= 1 - np.where(np.maximum(beside, height) < SHADOW_CUTOFF_M, blocked, 0)
     return light
 
 

@@ -20,7 +20,7 @@ from ..sensors.rays import Rays
 from ..world.drive import Actor, Box, Camera, StaticCopy
 from ..world.light import Sun
 from ..world.replay import WorldState
-from .contact_shadow import contact_light, displaced
+from .contact_shadow import displaced
 from .tracer import NEAR_M, Tracer
 from .visibility import EXPOSURE_MOMENTS, copy_box, shadow_reach_m
 
@@ -72,8 +72,6 @@ class SunShadows:
     recorded: WorldState
     actors: tuple[Actor, ...]
     """Those that an edit has inserted, displaced or changed."""
-    removed: tuple[Box, ...]
-    """Boxes in which actors stood."""
     bare: WorldState
     """The recorded world without actors."""
     ring: FloatArray
@@ -88,8 +86,6 @@ class SunShadows:
         actors' numbers in ``instance``, plus 1, 0 for none; ``facing`` returns unit normals (M, 3) of some (N,);
         ``tracers`` are those of the states ``edited`` and ``recorded``."""
         out = np.ones((len(points), 3))
-        ground = np.flatnonzero(which == 0)
-        out[ground] /= contact_light(points[ground], self.removed)[:, None]
         if not self.sun.casts:
             return out
         toward = self.sun.direction
@@ -126,7 +122,7 @@ class SunShadows:
             weight[tilted] = np.clip(facing(tilted) @ toward / toward[2], 0, MAX_FACING)
         strength = np.array(self.sun.strength)
         ratio = (strength / (1 - strength)) * weight[some, None]
-        out[some] *= (1 + ratio * now[:, None]) / (1 + ratio * before[:, None])
+        out[some] = (1 + ratio * now[:, None]) / (1 + ratio * before[:, None])
         return out
 
     def capped(
@@ -240,7 +236,6 @@ def sun_shadows(
         replace(bare, actors=ordered([*actors, *(standing[uid] for uid in stay)]), static_copies=state.static_copies),
         replace(bare, actors=ordered([standing[uid] for uid in near]), static_copies=statics),
         actors,
-        tuple(parked[uid] for uid in sorted(removed)),
         replace(bare, removed_boxes=()),
         _ring([b for b in before if b.changed], [parked[uid] for uid in near]),
         (tuple([*now, *beside]), tuple([*before, *beside])),
