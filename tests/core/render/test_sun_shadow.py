@@ -23,7 +23,7 @@ from unisim_blender.core.render.sun_shadow import sun_shadows
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.world.drive import Actor, Box
 from unisim_blender.core.world.encoding import decode_state, encode_state
-from unisim_blender.core.world.light import Light, Sun, SunKeys
+from unisim_blender.core.world.light import Sun, SunKeys, Sunlight
 from unisim_blender.core.world.replay import WorldState
 from unisim_street.street import build_street
 from unisim_street.street_truth import StreetTruth
@@ -88,7 +88,7 @@ def ground() -> tuple[FloatArray, Any, Any]:
 
 def test_an_inserted_box_shades_the_plane_by_the_suns_part_and_a_removed_one_gives_it_back() -> None:
     points, core, outside = ground()
-    light = Light(SUN, ("car",))
+    light = Sunlight(SUN, ("car",))
     inserted = WorldState(0.0, 0.0, EGO, (replace(CAR, inserted=True),), light=light)
     shaded = factors(inserted, {}, points)
     np.testing.assert_allclose(shaded[core], np.tile(1 - np.array(SUN.strength), (core.sum(), 1)), rtol=1e-6)
@@ -100,18 +100,18 @@ def test_an_inserted_box_shades_the_plane_by_the_suns_part_and_a_removed_one_giv
     assert (given[outside] == 1).all()
     # one that comes where a parked one shades already takes nothing away a second time
     other = replace(CAR, uid="other", inserted=True)
-    again = factors(WorldState(0.0, 0.0, EGO, (CAR, other), light=Light(SUN, ("other",))), {"car": CAR}, points)
+    again = factors(WorldState(0.0, 0.0, EGO, (CAR, other), light=Sunlight(SUN, ("other",))), {"car": CAR}, points)
     assert (again == 1).all()
     dark = replace(light, sun=replace(SUN, strength=(0.0, 0.0, 0.0)))
     assert (factors(replace(inserted, light=dark), {}, points) == 1).all()
 
 
 def test_light_is_part_of_a_state_only_where_an_edit_changes_something() -> None:
-    state = WorldState(0.0, 0.0, EGO, (CAR,), light=Light(SUN, ("car", "gone")))
+    state = WorldState(0.0, 0.0, EGO, (CAR,), light=Sunlight(SUN, ("car", "gone")))
     kept = state.with_changes_alone()
-    assert kept.light == Light(SUN, ("car",)) and kept != replace(kept, light=None)
+    assert kept.light == Sunlight(SUN, ("car",)) and kept != replace(kept, light=None)
     assert decode_state(encode_state(kept)) == kept and decode_state(encode_state(kept)).light == kept.light
-    assert replace(state, light=Light(SUN, ())).with_changes_alone().light is None
+    assert replace(state, light=Sunlight(SUN, ())).with_changes_alone().light is None
     keys = SunKeys(
         {"azimuth_deg": ((0.0, 10.0), (2.0, 30.0)), "elevation_deg": ((0.0, 50.0),), "strength": ((0.0, 0.5),)}
     )
@@ -178,8 +178,8 @@ def test_parts_have_the_bits_of_the_whole_and_nothing_else_changes(tmp_path: Pat
     before = plain.renderer.render(plain.state(camera, time_s), camera, time_s).rgb
     after = lit.renderer.render(lit.state(camera, time_s), camera, time_s).rgb
     margin = lit.renderer.margin(lit.state(camera, time_s))
-    states = [RenderedState(one.state(camera, time_s), (), margin) for one in (plain, lit)]
-    regions = changed_regions(lit.renderer, *states, camera)
+    first, second = (RenderedState(one.state(camera, time_s), (), margin) for one in (plain, lit))
+    regions = changed_regions(lit.renderer, first, second, camera)
     assert regions is not None
     covered = np.zeros(size[::-1], bool)
     for region in regions:

@@ -22,7 +22,7 @@ from ..geometry import FloatArray, Trajectory
 from ..json_file import Node
 from .drive import Actor, Appearance, Box, Camera, CameraModel, Lidar, LidarModel, Readouts, SpinPhase, StaticCopy
 from .drive_json import LIDAR_TABLES
-from .light import Light
+from .light import Sunlight
 from .replay import WorldState
 from .weather import Weather
 
@@ -77,7 +77,7 @@ def decode_state(text: str) -> WorldState:
         )
         removed = tuple(numbers.box() for _ in range(header["removed_boxes"]))
         weather = Weather.from_dict(header["weather"]) if "weather" in header else None
-        light = Light.from_json(Node(header["light"], "light", EncodingError)) if "light" in header else None
+        light = Sunlight.from_json(Node(header["light"], "light", EncodingError)) if "light" in header else None
         numbers.finish()
     except (KeyError, TypeError, ValueError) as fault:
         raise EncodingError(f"a state of the world that was sent cannot be read: {fault}") from fault

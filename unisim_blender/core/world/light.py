@@ -71,7 +71,7 @@ class SunKeys:
 
 
 @dataclass(frozen=True)
-class Light:
+class Sunlight:
     """The sun over an exposure, and the ids of actors that an edit has inserted or changed: the light of all else, but
     for what was removed, is the recorded one."""
 
@@ -83,6 +83,6 @@ class Light:
         return {"sun": self.sun.to_json(), "changed": list(self.changed)}
 
     @staticmethod
-    def from_json(node: Node) -> Light:
+    def from_json(node: Node) -> Sunlight:
         """Return the light of `to_json`. Raises the node's error."""
-        return Light(Sun.from_json(node.key("sun")), tuple(child.text() for child in node.key("changed").elements()))
+        return Sunlight(Sun.from_json(node.key("sun")), tuple(child.text() for child in node.key("changed").elements()))

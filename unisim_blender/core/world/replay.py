@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..geometry import FloatArray, Trajectory, make_pose, slerp
 from .classes import motion_of
 from .drive import Actor, Box, Drive, StaticCopy
-from .light import Light
+from .light import Sunlight
 from .weather import Weather
 
 
@@ -39,7 +39,7 @@ class WorldState:
     static_copies: tuple[StaticCopy, ...] = ()
     removed_boxes: tuple[Box, ...] = ()
     weather: Weather | None = None
-    light: Light | None = None
+    light: Sunlight | None = None
 
     @cached_property
     def digest(self) -> str:
@@ -187,7 +187,7 @@ class DriveStates:
         light = None
         if sun is not None:
             uids = (self._actors[i].uid for i in active)
-            light = Light(sun.at(middle_s), tuple(uid for uid in uids if uid in self.drive.edited))
+            light = Sunlight(sun.at(middle_s), tuple(uid for uid in uids if uid in self.drive.edited))
         state = WorldState(
             start_s,
             end_s,
