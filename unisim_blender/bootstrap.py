@@ -4,7 +4,6 @@ interpreter has the extension's wheels, where they are for its version of Python
 python bootstrap.py WHEELS probe              says in JSON what the interpreter has
 python bootstrap.py WHEELS serve FOLDER       the worker: requests on stdin, events on stdout, pixels in files in FOLDER
 python bootstrap.py WHEELS actors LOG         makes thumbnails of a log's actors, and writes a line of JSON for each
-python bootstrap.py WHEELS tracks LOG FILE    finds a log's actors, writes their boxes, and lines of JSON about progress
 python bootstrap.py WHEELS pip ARGUMENTS      pip, which the extension brings
 python bootstrap.py WHEELS cli ARGUMENTS      the command line `unisim`
 
@@ -83,10 +82,6 @@ def main() -> None:
         from unisim_blender.core.formats.readers import open_log
 
         tell(open_log(Path(arguments[0])))
-    elif what == "tracks":
-        from unisim_blender.core.worker.boxes import tell_tracks
-
-        tell_tracks(Path(arguments[0]), Path(arguments[1]))
     elif what == "pip":
         if wheels in sys.path:
             sys.path.insert(0, wheels)  # before an older one of the interpreter's own

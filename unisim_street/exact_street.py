@@ -186,7 +186,8 @@ def _with_passes(frame: CameraFrame, passes: Sequence[str], region: Region) -> C
     """Return the region of a frame, with these passes and no other."""
     part = slice(region.top, region.bottom), slice(region.left, region.right)
     frame.unsupported = np.zeros(frame.rgb.shape[:2], bool)
-    for name in ("depth_m", "z_depth_m", "normal", "instance", "opacity", "unsupported"):
+    frame.confidence = np.ones(frame.rgb.shape[:2], np.float32)
+    for name in ("depth_m", "z_depth_m", "normal", "instance", "opacity", "unsupported", "confidence"):
         asked = name.removeprefix("z_").removesuffix("_m") in passes
         setattr(frame, name, getattr(frame, name)[part] if asked else None)
     frame.rgb = frame.rgb[part]

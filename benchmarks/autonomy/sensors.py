@@ -21,6 +21,7 @@ class RecordedSensors:
     def __init__(self, log: Log) -> None:
         self.log = log
         self.unsupported: dict[str, float] = {}
+        self.confidence: dict[str, float] = {}
 
     def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
         """See `Sensors.render`."""

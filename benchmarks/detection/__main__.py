@@ -197,6 +197,43 @@ def gap(detector: Path, real: Path, simulated: Path, sim_trained: Path | None, o
         click.echo(line)
 
 
+@main.command()
+@click.argument("scenario", type=click.Path(path_type=Path))
+@click.argument("detectors", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for recall.json and recall.png.")
+@click.option("--visibilities", default="20,35,50,75,100,200,400", show_default=True, metavar="M,M,…")
+@click.option("--frames", metavar="START:STOP:STEP", help="Frames by number. [default: the scenario's]")
+@click.option("--camera", default="front_camera", show_default=True)
+@click.option("--lidar", default="pandar64", show_default=True)
+def weather(
+    scenario: Path,
+    detectors: tuple[Path, ...],
+    out: Path,
+    visibilities: str,
+    frames: str | None,
+    camera: str,
+    lidar: str,
+) -> None:
+    """Recall of trained DETECTORS over visibility, on frames of a SCENARIO that are rendered in fog."""
+    from .training import load_detector
+    from .weather import foggy_samples, plot, recalls
+
+    try:
+        fog = [float(text) for text in visibilities.split(",")]
+    except ValueError as error:
+        raise click.BadParameter(f"must be numbers with commas between them, not {visibilities!r}") from error
+    trained = [load_detector(path) for path in detectors]
+    samples = foggy_samples(scenario, frames, camera, lidar, [None, *fog])
+    results = {one.detector.name: recalls(one, samples) for one in trained}
+    out.mkdir(parents=True, exist_ok=True)
+    write_file(out / "recall.json", (json.dumps(results, indent=1) + "\n").encode())
+    plot(results, out / "recall.png")
+    for name, result in results.items():
+        for row in result["rows"]:
+            where = "clear" if row["visibility_m"] is None else f"{row['visibility_m']:g} m"
+            click.echo(f"{name}, {where}: recall {100 * row['recall']:.1f} %")
+
+
 def _two_numbers(text: str, between: str, option: str) -> tuple[int, int]:
     first, _, second = text.partition(between)
     if not (first.isdecimal() and second.isdecimal()):

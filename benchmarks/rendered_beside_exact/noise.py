@@ -23,6 +23,7 @@ class NoisySensors:
     deviation_m: float
     seed: tuple[int, ...]
     unsupported: dict[str, float] = field(default_factory=dict)
+    confidence: dict[str, float] = field(default_factory=dict)
 
     def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
         """See `SensorSource.render`."""
@@ -35,7 +36,7 @@ class NoisySensors:
     def _with_noise(
         self, images: list[CameraImage], sweeps: list[LidarSweep]
     ) -> tuple[list[CameraImage], list[LidarSweep]]:
-        self.unsupported = self.sensors.unsupported
+        self.unsupported, self.confidence = self.sensors.unsupported, self.sensors.confidence
         return images, [
             replace(one, points=noisy(one.points, self.deviation_m, (*self.seed, one.time_us))) for one in sweeps
         ]

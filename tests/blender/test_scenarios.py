@@ -43,6 +43,7 @@ STATED: dict[str, dict[str, Any]] = {
     "weather": {
         "weather": {
             "rain_mm_h": 12.5,
+            "wetness": 0.5,
             "snow_mm_h": [{"time_s": 0.0, "value": 0.0}, {"time_s": 0.4, "value": 2.0}, {"time_s": 1.0, "value": 1.0}],
             "seed": 7,
             "sensors": {"exposure_s": 0.01},

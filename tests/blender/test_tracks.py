@@ -100,7 +100,7 @@ def test_a_drawn_box_is_followed_corrected_and_saved(bare: Any, truth: Drive) ->
     saved = read_boxes(path).tracks
     assert sorted(track.actor.is_moving for track in saved) == [False, True] and len(saved[0].drawn_s) == 2
     actors = list(imported_objects(bare, "ACTOR"))
-    assert {obj.unisim.uid for obj in actors} == set(source_of(bare).drive.actors) == {"box-1", "box-2"}
+    assert {obj.unisim.uid for obj in actors} == set(source_of(bare).drive.actors) == {"box", "box-2"}
     # and once more: what was not touched is the same to the last bit
     before = path.read_bytes()
     assert bpy.ops.unisim.edit_boxes() == {"FINISHED"}
@@ -135,7 +135,7 @@ def test_boxes_are_merged_split_classed_and_shown_by_certainty(bare: Any, truth:
     select(whole)
     assert bpy.ops.unisim.class_boxes(label="Truck") == {"FINISHED"}
     (whole,) = tracks_in(bare)
-    assert whole.unisim_track.label == "Truck" and bpy.context.active_object == whole
+    assert track_of(whole, clock).actor.label == "Truck" and bpy.context.active_object == whole
     bare.unisim_tracks.certainty = 0.7
     assert whole.hide_get()
     bare.unisim_tracks.certainty = 0.5

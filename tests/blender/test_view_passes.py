@@ -77,6 +77,19 @@ def joined(found: list[tuple[dict[str, Any], dict[str, NDArray[Any]]]], name: st
     )
 
 
+def test_a_view_with_confidence(jobs: Jobs, above: dict[str, Any]) -> None:
+    """Progress comes first, then the image, whose finished bands have confidence; colours are those of a view without it."""
+    plain = list(answers(jobs, **above, band=40))
+    found = list(answers(jobs, **above, passes=["rgb", "confidence"], band=40))
+    assert [event for event, _ in found if event["event"] == "progress"]
+    np.testing.assert_array_equal(joined(found, "rgb"), joined(plain, "rgb"))
+    confidence = joined(found, "confidence")
+    assert confidence.shape == (SIZE[1], SIZE[0]) and 0 <= confidence.min() < confidence.max() <= 1
+    again = list(answers(jobs, **above, passes=["rgb", "confidence"], band=40))
+    assert not [event for event, _ in again if event["event"] == "progress"]
+    np.testing.assert_array_equal(joined(again, "confidence"), confidence)
+
+
 @pytest.mark.parametrize("clip", (False, True))
 def test_unsupported_pixels_come_with_every_part(jobs: Jobs, above: dict[str, Any], clip: bool) -> None:
     asked = {**above, "passes": ["rgb", "unsupported"], "clip": clip}

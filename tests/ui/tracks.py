@@ -34,6 +34,12 @@ def boxes() -> list[Any]:
     return [obj for obj in bpy.context.scene.objects if obj.unisim.kind == "TRACK"]
 
 
+def noted(obj: Any) -> dict[str, Any]:
+    """A box as in a file of boxes."""
+    about: dict[str, Any] = json.loads(obj.unisim_track.track)
+    return about
+
+
 def cars(moves: bool) -> list[tuple[str, Vector, float, list[float]]]:
     """Cars of the street's truth at `FRAME`: id, place, heading, size; nearest first."""
     rows = json.loads((OUT.parent / "truth_boxes.json").read_text())
@@ -81,7 +87,7 @@ def found() -> Iterator[float]:
     assert task_now is not None
     assert task_now.code == 0, task_now.problem
     yield from until(boxes, "no boxes came", 20)
-    results["found"] = [[o.name, round(o.unisim_track.certainty, 2), o.unisim_track.label] for o in boxes()]
+    results["found"] = [[o.name, round(o.unisim_track.certainty, 2), noted(o)["class"]] for o in boxes()]
     yield 0.5
     screenshot("found_boxes")
 
@@ -133,7 +139,7 @@ def tracked(obj: Any) -> Iterator[float]:
     yield from until(lambda: not following.following, "following does not end", 120)
     told = bpy.context.window_manager.unisim_following
     assert not told, told
-    assert next(o for o in boxes() if o.unisim.uid == uid).unisim_track.sweeps, "nothing came of it"
+    assert noted(next(o for o in boxes() if o.unisim.uid == uid))["sweeps"], "nothing came of it"
     yield 0.3
 
 

@@ -132,9 +132,14 @@ def content_digests(paths: Sequence[Path]) -> dict[Path, str]:
         if now_ns - max(stamp[2:]) > FRESH_NS:
             current[name] = (stamp, digests[path])
     if current != cached:
-        with suppress(OutputError):  # a cache that cannot be written costs time and nothing else
-            write_file(store, json.dumps(current).encode())
+        write_cached(store, json.dumps(current).encode())
     return digests
+
+
+def write_cached(path: Path, data: bytes) -> None:
+    """Write a file of the cache, or leave it: one that cannot be written costs time and nothing else."""
+    with suppress(OutputError):
+        write_file(path, data)
 
 
 @contextmanager

@@ -25,6 +25,9 @@ class UniSimWeather(bpy.types.PropertyGroup):
     snow_mm_h: FloatProperty(
         name="Snow", description="Snow in millimetres of liquid water an hour", min=0.0, max=20.0, soft_max=5.0
     )
+    wetness: FloatProperty(
+        name="Wetness", description="Wet part of the ground; rain adds to it", min=0.0, max=1.0, subtype="FACTOR"
+    )
     seed: IntProperty(
         name="Seed", description="Seed of drops, flakes and the returns of fog", min=0, max=2**31 - 1, options=set()
     )
@@ -32,7 +35,7 @@ class UniSimWeather(bpy.types.PropertyGroup):
 
 
 class UNISIM_PT_weather(DrivePanel, bpy.types.Panel):
-    """Fog, rain and snow in images and sweeps; keys animate them"""
+    """Fog, rain, snow and wet ground in images and sweeps; keys animate them"""
 
     bl_label = "Weather"
     bl_parent_id = "UNISIM_PT_sensors"
@@ -41,7 +44,7 @@ class UNISIM_PT_weather(DrivePanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         column = settings_column(self.layout)
         column.use_property_decorate = True
-        for name in ("visibility_m", "rain_mm_h", "snow_mm_h", "seed"):
+        for name in ("visibility_m", "rain_mm_h", "snow_mm_h", "wetness", "seed"):
             column.prop(context.scene.unisim_weather, name)
 
 

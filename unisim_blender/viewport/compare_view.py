@@ -6,8 +6,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import bpy
+import numpy as np
 
 from ..bridge.window import redraw_rendered, run_soon
+from ..editing.images.comparison import DOUBT_ALPHA, tint
 from ..editing.layout.overlays import Rectangle
 from ..editing.texts import Text
 from ..process.preparation import PREPARATION
@@ -20,13 +22,16 @@ from .views import VIEWS, ViewportImage
 
 GRAB_PX = 8
 """Distance from the split's line within which the mouse grabs it."""
-GAP_PX, HATCH_PX = 8, 20
+GAP_PX, HATCH_PX, GRADES_PX = 8, 20, 110
+GRADES = 20
+"""Number of steps of the legend of confidence."""
 LINE, TEXT, HATCH = (1.0, 1.0, 1.0, 0.9), (1.0, 1.0, 1.0, 1.0), (1.0, 0.15, 0.15, 1.0)
 RECORDED, RENDERED = Text("recorded"), Text("rendered")
 STANDS_IN, PRELIMINARY = Text("Recorded image, not rendered"), Text("Preliminary image")
 BAR, BAR_PX = (0.3, 0.6, 1.0, 1.0), 6
 """Colour and height of progress bars."""
 UNSUPPORTED = Text("Unsupported: nothing recorded shows this")
+CONFIDENCE = Text("Confidence from 0 to 100 %")
 
 
 def drawn_view(region: bpy.types.Region) -> ViewportImage | None:
@@ -83,17 +88,20 @@ def draw() -> None:
         labels.append(ImageLabel(view.comparison.lacks))
     if options.unsupported and mode in ("RENDERED", "SPLIT", "FLICKER"):
         labels.append(ImageLabel(UNSUPPORTED, hatched=True))
+    if options.confidence and mode in ("RENDERED", "SPLIT", "FLICKER"):
+        labels.append(ImageLabel(CONFIDENCE, graded=True))
     _write(context, image, labels, scale)
 
 
 class ImageLabel(NamedTuple):
     """A text at the lower edge of an image: from a left edge, or centred above the others; ``hatched``: with a piece of
-    what it is about; ``fraction``: with a bar of what is done."""
+    what it is about; ``graded``: with the colours of confidence from 0 to 1; ``fraction``: with a bar of what is done."""
 
     text: str
     left: float | None = None
     hatched: bool = False
     fraction: float | None = None
+    graded: bool = False
 
 
 def preparation_labels(view: ViewportImage) -> list[ImageLabel]:
@@ -126,10 +134,10 @@ def clear_line(context: bpy.types.Context, image: Rectangle, x: float) -> tuple[
 def _write(context: bpy.types.Context, image: Rectangle, labels: list[ImageLabel], scale: float) -> None:
     """Write labels into an image, above the overlays there."""
     layout, gap, above, floor, beside = overlay_layout(context), GAP_PX * scale, image.bottom, image.bottom, False
-    for text, left, is_hatched, fraction in labels:
+    for text, left, is_hatched, fraction, graded in labels:
         floor = floor if beside and left is not None else above
         beside = left is not None
-        piece = HATCH_PX * scale if is_hatched else 0.0
+        piece = HATCH_PX * scale if is_hatched else GRADES_PX * scale if graded else 0.0
         rows = in_rows([localized(text)], image.width - piece, scale)
         width, height = ground_size(rows, scale)
         begin = (image.left + image.right - width - piece) / 2 if left is None else left
@@ -140,6 +148,13 @@ def _write(context: bpy.types.Context, image: Rectangle, labels: list[ImageLabel
             low += BAR_PX * scale
         write_rows(rows, begin + piece, low + height, scale, TEXT)
         above = max(above, low + height)
+        if graded:
+            fill(begin, low, begin + piece, low + height, GROUND)
+            step = (piece - 10 * scale) / GRADES
+            for i in range(GRADES):
+                r, g, b, a = tint(np.array(i / (GRADES - 1), np.float32)).tolist()
+                x, colour = begin + 5 * scale + i * step, (*(c / max(a, 1e-6) for c in (r, g, b)), a / DOUBT_ALPHA)
+                fill(x, low + 5 * scale, x + step, low + height - 5 * scale, colour)
         if is_hatched:
             fill(begin, low, begin + piece, low + height, GROUND)
             for i in range(3):
@@ -223,6 +238,7 @@ def draw_options(layout: Any, context: bpy.types.Context) -> None:
         ("split", view.mode == "SPLIT"),
         ("gain", view.mode == "DIFFERENCE"),
         ("unsupported", True),
+        ("confidence", True),
         ("clip", True),
     ):
         row = layout.row()

@@ -24,6 +24,7 @@ from ..editing.images.comparison import (
     hatched,
     lacks_recorded,
     placement,
+    tinted,
     visible,
 )
 from ..editing.images.views import marked_outside
@@ -135,6 +136,7 @@ class ViewComparison:
         rendered: NDArray[np.float32],
         srgb: NDArray[np.uint8],
         unsupported: NDArray[np.bool_] | None,
+        confidence: NDArray[np.float32] | None,
         stamp: object,
         finished: bool,
         stale: bool,
@@ -169,12 +171,14 @@ class ViewComparison:
             draw_part(recorded, rectangle, 0.0, split)
         if there and split < 1.0:
             over = unsupported if self.options.unsupported else None
+            colours = confidence if self.options.confidence else None
 
             def marked() -> NDArray[np.float32]:
                 image = marked_outside(rendered) if outside else rendered
+                image = image if colours is None else tinted(image, colours)
                 return image if over is None else hatched(image, over)
 
-            texture = self._texture("rendered", (stamp, over is not None, outside), marked)
+            texture = self._texture("rendered", (stamp, over is not None, colours is not None, outside), marked)
             draw_part(texture, rectangle, split, 1.0)
 
     def _metrics_text(self, shown: ShownImage, srgb: NDArray[np.uint8], seen: tuple[slice, slice]) -> str:

@@ -39,13 +39,14 @@ NAMES = tuple(mode[0] for mode in MODES)
 @dataclass
 class ViewOptions:
     """``mode`` is one of `MODES`; ``split`` is where the line is, as a share of the image's width; ``gain`` multiplies
-    differences; ``unsupported``: whether these pixels are hatched; ``clip``: whether a view through no camera shows
-    nothing but what was observed."""
+    differences; ``unsupported``: whether these pixels are hatched; ``confidence``: whether pixels are coloured by it;
+    ``clip``: whether a view through no camera shows nothing but what was observed."""
 
     mode: str = "RENDERED"
     split: float = 0.5
     gain: float = 4.0
     unsupported: bool = False
+    confidence: bool = False
     clip: bool = True
 
 
@@ -88,6 +89,10 @@ class UniSimView(bpy.types.PropertyGroup):
     unsupported: _of_view(
         BoolProperty, "unsupported", name="Unsupported",
         description="Hatch pixels in red that show what nothing recorded supports",
+    )  # fmt: skip
+    confidence: _of_view(
+        BoolProperty, "confidence", name="Confidence",
+        description="Colour pixels by how probable it is that they are right: clear from 80 %, orange at 50 %, red below 20 %",
     )  # fmt: skip
     clip: _of_view(
         BoolProperty, "clip", name="Clip to Observed",

@@ -71,16 +71,27 @@ def fill(x0: float, y0: float, x1: float, y1: float, colour: tuple[float, ...]) 
     draw_batch("TRI_STRIP", ((x0, y0), (x1, y0), (x0, y1), (x1, y1)), colour)
 
 
+def point_shader() -> Any:
+    """Return the shader of points that have a colour each."""
+    try:
+        return gpu.shader.from_builtin("POINT_FLAT_COLOR")
+    except ValueError:  # before Blender 4.5
+        return gpu.shader.from_builtin("FLAT_COLOR")
+
+
 def draw_batch(primitive: str, points: Any, colours: Any, line_px: float = 1.0) -> None:
-    """Draw triangles or lines over what is there: points (N, 2) or (N, 3), and a colour for each (N, 4) or for all (4,)."""
+    """Draw triangles, lines or points over what is there: points (N, 2) or (N, 3), and a colour for each (N, 4) or for all
+    (4,)."""
     points = np.asarray(points, np.float32)
-    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
+    shader = point_shader() if primitive == "POINTS" else gpu.shader.from_builtin("SMOOTH_COLOR")
     each = one_for_each(colours, len(points))
     gpu.state.blend_set("ALPHA")
     gpu.state.depth_test_set("NONE")
     gpu.state.line_width_set(line_px)
+    gpu.state.point_size_set(line_px)
     batch_for_shader(shader, primitive, {"pos": points, "color": each}).draw(shader)
     gpu.state.line_width_set(1.0)
+    gpu.state.point_size_set(1.0)
     gpu.state.blend_set("NONE")
 
 

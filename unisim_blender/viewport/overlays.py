@@ -13,10 +13,11 @@ from ..bridge.sampling.stepping import frame_of
 from ..bridge.views.trails import outline, trail
 from ..bridge.window import chosen
 from ..core.geometry import FloatArray, invert_pose
+from ..core.sensors.silhouettes import bent_edges
 from ..editing.layout.trails import joined
 from ..editing.sampled.clock import Clock
 from ..editing.sampled.scene import optical, rigid
-from ..editing.sensors.lenses import bent_edges, corners
+from ..editing.sensors.lenses import corners
 from ..registering import Drawing
 from .overlay_layout import draw_batch
 from .view_types import looks_through

@@ -90,6 +90,8 @@ class ViewportImage:
     """The image in eight bits."""
     unsupported: NDArray[np.bool_] | None = None
     """Unsupported pixels of the image, where that was asked for; lowest row first, as the image."""
+    confidence: NDArray[np.float32] | None = None
+    """Confidence of its pixels likewise, 1 where it has not come yet."""
     revision: int = 0
     """Another one whenever the image is."""
     comparison: ViewComparison = field(default_factory=ViewComparison)
@@ -165,6 +167,7 @@ class ViewportImage:
             weather_values(scene),
             options.mode,
             options.unsupported,
+            options.confidence,
             options.clip,
             self.comparison.lacks,
             PREPARATION.finished,
@@ -230,6 +233,7 @@ class ViewportImage:
         )
         clip = options.clip and through is None
         passes = ["rgb", "unsupported"] if clip or options.unsupported else ["rgb"]
+        passes += ["confidence"] if options.confidence else []
         set_up = {"quality": scene.unisim.quality, "shadows": scene.unisim.contact_shadows, "device": device()}
         return {**asked.values, **set_up, "clip": clip, "passes": passes}
 
@@ -252,11 +256,15 @@ class ViewportImage:
         if self.linear.shape[:2] != (height, width):
             self.linear = np.zeros((height, width, 4), np.float32)
             self.srgb = np.zeros((height, width, 3), np.uint8)
-            self.job, self.unsupported, self.revision = None, None, self.revision + 1
+            self.job, self.unsupported, self.confidence, self.revision = None, None, None, self.revision + 1
         if "unsupported" not in values["passes"]:
             self.unsupported = None
         elif self.unsupported is None:
             self.job, self.unsupported = None, np.zeros((height, width), bool)
+        if "confidence" not in values["passes"]:
+            self.confidence = None
+        elif self.confidence is None:
+            self.job, self.confidence = None, np.ones((height, width), np.float32)
         self.request = worker.ask(
             "camera",
             prepare=partial(view_part, size=(height, width), clip=values["clip"]),
@@ -309,6 +317,8 @@ class ViewportImage:
         self.linear[here], self.srgb[here] = part.linear, part.srgb
         if part.unsupported is not None and self.unsupported is not None:
             self.unsupported[here] = part.unsupported
+        if part.confidence is not None and self.confidence is not None:
+            self.confidence[here] = part.confidence
         self.revision, self.fresh = self.revision + 1, False
 
     def draw(self, engine: bpy.types.RenderEngine, scene: bpy.types.Scene, region: bpy.types.Region) -> None:
@@ -323,7 +333,7 @@ class ViewportImage:
         with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
             gpu.matrix.load_identity()
             gpu.matrix.load_projection_matrix(exact_pixels(*gpu.state.viewport_get()[2:]))
-            shown = self.linear, self.srgb, self.unsupported, self.revision
+            shown = self.linear, self.srgb, self.unsupported, self.confidence, self.revision
             self.comparison.draw(self.rectangle, size, *shown, finished, stale, self.shows_outside)
         engine.unbind_display_space_shader()
         gpu.state.blend_set("NONE")

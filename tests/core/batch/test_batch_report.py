@@ -90,6 +90,20 @@ class Elements(html.parser.HTMLParser):
         return [attributes for name, attributes in self.found if name == tag]
 
 
+def test_it_counts_collisions_of_what_is_valid_throughout(tmp_path: Path) -> None:
+    invalid = {"validity": {"invalid_steps": 3, "valid_until_s": 1.5}, "valid_part": {"collision": {"count": 0}}}
+    valid = {"validity": {"invalid_steps": 0, "valid_until_s": 4.0}}
+    variants = {"v0": rollout(0, scores(1, 0.0) | invalid), "v1": rollout(1, scores(0, 1.0) | valid)}
+    manifest = {
+        "format": "unisim-batch", "version": 1, "counts": {"units": 2}, "unfinished": [], "variants": variants,
+        "captures": {},
+    }  # fmt: skip
+    assert [row.scores.get("collisions, valid part") for row in rows_of(manifest, [])] == [0, None]
+    Store(str(tmp_path)).write("manifest.json", json.dumps(manifest).encode())
+    text = "".join(Elements(batch_report(Store(str(tmp_path))).decode()).text)
+    assert "1 with a collision, 1 valid throughout, 0 of these with a collision" in text
+
+
 def test_rows_say_what_became_of_each_variant(folder: Path) -> None:
     manifest = json.loads((folder / "manifest.json").read_bytes())
     rows = rows_of(manifest, [{"variant": "v2"}])

@@ -20,6 +20,7 @@ from small_log import CAMERA, small_drive, write_small_log
 
 from benchmarks.detection import camera, lidar
 from benchmarks.detection import simulated as simulated_module
+from benchmarks.detection import weather as weather_module
 from benchmarks.detection.camera import CameraDetector
 from benchmarks.detection.detector import Detector, decode, loss
 from benchmarks.detection.lidar import LidarDetector
@@ -37,8 +38,9 @@ from benchmarks.detection.streets import StreetSet, varied
 from benchmarks.detection.testing import common, detect, gaps, labels, trained_on
 from benchmarks.detection.training import WEIGHTS, load_detector, train
 from benchmarks.detection.truth import TrueSet
+from benchmarks.detection.weather import plot, recalls
 from unisim_blender.core.errors import LogError, OutputError, SceneError, UnisimError
-from unisim_blender.core.evaluation.autonomy.document import bev_iou, image_iou
+from unisim_blender.core.evaluation.autonomy.document import FrameKey, FrameOutput, ModelOutputs, bev_iou, image_iou
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw, transform_points
 from unisim_street.street import build_street
@@ -370,6 +372,38 @@ def test_gaps_of_frames_with_themselves_are_none(tmp_path: Path) -> None:
     assert trained_on(trained, {Key("street-9", 0): some_sample(), Key("street-1", 5): some_sample()}) == ["street-1"]
     with pytest.raises(UnisimError, match="share no frame"):
         common(samples, {Key("street-9", 0): some_sample()})
+
+
+def test_recall_in_fog_counts_labels_of_clear_air_at_one_score(tmp_path: Path) -> None:
+    """An exact detector in place of a trained network; in fog it is shown one of four cars, and one that is not there."""
+    data = small_set(tmp_path / "set")
+    train("lidar", [data], tmp_path / "lidar", 2, 1, seed=0)
+    trained, clear = load_detector(tmp_path / "lidar"), read_set(data)
+    shown = {id(sample): sample.bev for sample in clear.values()}
+    foggy = {}
+    for key, sample in clear.items():
+        foggy[key] = dataclasses.replace(sample, points=sample.points[:0], bev=sample.bev[:1])
+        shown[id(foggy[key])] = np.concatenate(
+            [sample.bev[:1], sample.bev[1:2] + np.array([20, 20, 0, 0, 0], np.float32)]
+        )
+
+    def exact(trained: object, samples: dict[Key, Sample]) -> ModelOutputs:
+        frames: dict[FrameKey, FrameOutput] = {}
+        for key, sample in samples.items():
+            boxes = shown[id(sample)].astype(np.float64)
+            none = np.zeros(len(boxes), bool)
+            frames[key.sequence, key.frame] = FrameOutput(
+                boxes, np.full(len(boxes), 0.8), ("vehicle",) * len(boxes), none
+            )
+        return ModelOutputs(LidarDetector().kind, frames)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(weather_module, "detect", exact)
+        result = recalls(trained, {None: clear, 50.0: foggy})
+    assert result["least_score"] == 0.8 and result["labels"] == 8
+    assert [(row["recall"], row["precision"]) for row in result["rows"]] == [(1.0, 1.0), (0.25, 0.5)]
+    plot({"lidar": result}, tmp_path / "recall.png")
+    assert (tmp_path / "recall.png").read_bytes()[:4] == b"\x89PNG"
 
 
 def test_every_command_takes_its_options_and_finds_its_modules() -> None:

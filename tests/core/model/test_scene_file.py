@@ -167,6 +167,7 @@ def edit(folder: Path, *place: Any, value: Any = None) -> None:
         (("version",), "1", 'version: must be a whole number, not "1"'),
         (("volume",), None, 'scene.json: "volume" is missing'),
         (("training", "method"), 3, "scene.json: training.method: must be"),
+        (("training", "accuracy"), {"camera": 2}, "scene.json: training.accuracy.camera: a fraction is from 0 to 1"),
         (("world_origin",), [0, 0], r"scene.json: world_origin: must be 3 numbers, not \[0, 0\]"),
         (
             ("drive", "actors", "car-1", "size_m"),

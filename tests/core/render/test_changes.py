@@ -27,11 +27,13 @@ from unisim_blender.core.render.changes import (
     standing_pose,
 )
 from unisim_blender.core.render.lattice import Region
+from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.reuse import FrameReuse
 from unisim_blender.core.render.visibility import Reach
 from unisim_blender.core.sensors.frames import CAMERA_PASSES, CameraFrame, LidarFrame
 from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import Box, Drive
+from unisim_blender.core.world.weather import WeatherKeys
 
 ROOT = Path(__file__).parents[3]
 sys.path.insert(0, str(ROOT / "tools"))
@@ -48,6 +50,9 @@ STILL = {
     "trajectory": PLACE,
 }
 BEAMS = {**{name: value for name, value in FEW_BEAMS.items() if name != "mount"}, "id": "beams", "trajectory": PLACE}
+FOG = WeatherKeys({"visibility_m": ((0.0, 60.0),)})
+WET = WeatherKeys({"wetness": ((0.0, 0.5),)})
+STEADY = WeatherKeys({**FOG.keys, "snow_mm_h": ((0.0, 2.0),)})
 TIMES_US = (100_000, 150_000, 200_000, 290_000, 340_000)
 
 
@@ -117,8 +122,11 @@ def random_edits(drive: Drive, seed: int) -> Drive:
     return replace(drive, actors=dict(sorted(actors.items())))
 
 
+@pytest.mark.parametrize("weather", [None, STEADY], ids=["clear", "fog and snow"])
 @pytest.mark.parametrize("camera_id", ["still", "front_camera"])
-def test_pixels_outside_the_regions_of_an_edit_have_the_same_bits(renderer: DriveFrames, camera_id: str) -> None:
+def test_pixels_outside_the_regions_of_an_edit_have_the_same_bits(
+    renderer: DriveFrames, camera_id: str, weather: WeatherKeys | None
+) -> None:
     """Whatever the edit is, through a camera that stands and through one that moves while it is exposed."""
     camera, passes = renderer.captures.camera(camera_id, 96), ("rgb", "depth", "unsupported")
     capture = Capture("still", 200_000) if camera_id == "still" else Capture.of_frame(camera, 2)
@@ -129,11 +137,11 @@ def test_pixels_outside_the_regions_of_an_edit_have_the_same_bits(renderer: Driv
         frame = renderer.renderer.render(state, camera, time_s, passes)
         return RenderedState(state, (), renderer.renderer.margin(state)), frame
 
-    first, before = rendered(renderer.drive)
+    first, before = rendered(replace(renderer.drive, weather=weather))
     assert changed_regions(renderer.renderer, first, first, camera) == []
     shares, differ = [], 0
-    for seed in range(12):
-        second, after = rendered(random_edits(renderer.drive, seed))
+    for seed in range(12 if weather is None else 4):
+        second, after = rendered(replace(random_edits(renderer.drive, seed), weather=weather))
         regions = changed_regions(renderer.renderer, first, second, camera)
         assert regions is not None and regions == changed_regions(renderer.renderer, second, first, camera)
         inside = np.zeros(after.rgb.shape[:2], bool)
@@ -144,7 +152,7 @@ def test_pixels_outside_the_regions_of_an_edit_have_the_same_bits(renderer: Driv
             np.testing.assert_array_equal(a[~inside], b[~inside], err_msg=f"{name}, {seed}")
         differ += bool((before.rgb != after.rgb).any())
         shares.append(inside.mean())
-    assert differ > 2 and np.median(shares) < 0.9, (differ, shares)
+    assert differ > (2 if weather is None else 0) and np.median(shares) < 0.9, (differ, shares)
 
 
 def test_beams_beside_an_edit_have_the_same_bits(renderer: DriveFrames) -> None:
@@ -182,8 +190,11 @@ def test_what_may_differ_everywhere_has_no_regions(renderer: DriveFrames) -> Non
         assert changed_regions(renderer.renderer, one, other, camera) is None
 
 
-def test_images_have_the_bits_of_whole_ones(renderer: DriveFrames) -> None:
-    kept = DriveFrames(renderer.renderer, renderer.drive, renderer.draw, FrameReuse())
+@pytest.mark.parametrize("weather", [None, FOG], ids=["clear", "fog"])
+def test_images_have_the_bits_of_whole_ones(renderer: DriveFrames, weather: WeatherKeys | None) -> None:
+    drive = replace(renderer.drive, weather=weather)
+    kept = DriveFrames(renderer.renderer, drive, renderer.draw, FrameReuse())
+    renderer = DriveFrames(renderer.renderer, drive, renderer.draw)
     rays = []
     for time_us in TIMES_US:
         capture = Capture("still", time_us)
@@ -193,9 +204,11 @@ def test_images_have_the_bits_of_whole_ones(renderer: DriveFrames) -> None:
     assert rays[0] == 1 and max(rays[1:]) < 0.8, rays
 
 
-def test_sweeps_have_the_bits_of_whole_ones(renderer: DriveFrames) -> None:
-    kept = DriveFrames(renderer.renderer, renderer.drive, 7, FrameReuse())
-    whole_ones = DriveFrames(renderer.renderer, renderer.drive, 7)
+@pytest.mark.parametrize("weather", [None, STEADY], ids=["clear", "fog and snow"])
+def test_sweeps_have_the_bits_of_whole_ones(renderer: DriveFrames, weather: WeatherKeys | None) -> None:
+    drive = replace(renderer.drive, weather=weather)
+    kept = DriveFrames(renderer.renderer, drive, 7, FrameReuse())
+    whole_ones = DriveFrames(renderer.renderer, drive, 7)
     rays = []
     for time_us in TIMES_US:
         capture = Capture("beams", time_us)
@@ -226,6 +239,35 @@ def test_nothing_is_rendered_where_nothing_moves(renderer: DriveFrames) -> None:
     assert_same(image, whole.image(Capture("still", time_us), CAMERA_PASSES))
     assert_same(sweep, whole.sweep(Capture("beams", time_us)))
     assert image.stats.rays == 0
+
+
+def test_weather_that_differs_or_falls_changes_all_of_an_image(renderer: DriveFrames) -> None:
+    camera = renderer.drive.cameras["still"]
+
+    def rendered(weather: WeatherKeys | None, time_s: float) -> RenderedState:
+        drive = DriveFrames(renderer.renderer, replace(renderer.drive, weather=weather))
+        return RenderedState(drive.state(camera, time_s), ())
+
+    for before, after, later_s, alike in (
+        (FOG, FOG, 0.1, True), (STEADY, STEADY, 0.0, True), (STEADY, STEADY, 0.1, False), (None, FOG, 0.0, False),
+        (WET, WET, 0.0, False),
+    ):  # fmt: skip
+        regions = changed_regions(renderer.renderer, rendered(before, 0.2), rendered(after, 0.2 + later_s), camera)
+        assert (regions is not None) == alike, (before, after, later_s)
+
+
+def test_the_light_of_the_air_is_estimated_once_for_an_exposure(renderer: DriveFrames) -> None:
+    """Whatever regions and edits follow, and again for another time."""
+    counts, drive = [], replace(renderer.drive, weather=STEADY)
+    fresh = Renderer(renderer.renderer.backend, renderer.renderer.shadows)
+    for edited, time_us in ((drive, 100_000), (random_edits(drive, 3), 100_000), (drive, 150_000)):
+        frames = DriveFrames(fresh, edited)
+        camera = drive.cameras["still"]
+        state, time_s = frames.state(camera, time_us / 1e6), time_us / 1e6
+        lights = [fresh.air(state, camera, time_s) for _ in range(2)]
+        assert lights[0] is lights[1]
+        counts.append(len(fresh._air))
+    assert counts == [1, 1, 2]
 
 
 def test_what_an_image_depends_on_is_rendered_again(renderer: DriveFrames) -> None:

@@ -24,6 +24,7 @@ from unisim_blender.core.sensors.frames import CAMERA_PASSES, CameraFrame
 FIELDS = {
     "depth": {"depth_m", "z_depth_m"}, "normal": {"normal"}, "instance": {"instance"}, "opacity": {"opacity"},
     "unsupported": {"unsupported"},
+    "confidence": {"confidence"},
 }  # fmt: skip
 ASKED = [("rgb",), *(("rgb", name) for name in FIELDS), ("rgb", "normal", "unsupported"), CAMERA_PASSES]
 TRACERS = ("torch", *(("compiled",) if native.library() is not None else ()))
@@ -85,4 +86,6 @@ def test_the_tracers_passes_are_alike(folders: dict[str, Path], kind: str) -> No
         x, y = np.asarray(getattr(a, field), float), np.asarray(getattr(b, field), float)
         assert field == "unsupported" or len(np.unique(y)) > 1, f"{field} has nothing to compare"
         same = (np.isclose(x, y, rtol=within, atol=within) | (x == y)).reshape(*x.shape[:2], -1).all(-1)
-        assert (~same).sum() <= 2, f"{field}: {(~same).sum()} of {same.size} pixels differ"
+        # recorded views are traced with the quality fast, in which the tracers place their samples otherwise
+        most = 0.05 * same.size if field == "confidence" else 2
+        assert (~same).sum() <= most, f"{field}: {(~same).sum()} of {same.size} pixels differ"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from written_street import write_street
 from unisim_blender.core.errors import SimulationError
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario.simulation import SimulationSpec
+from unisim_blender.core.sensors.frames import CameraFrame
 from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.rollout.loop import roll_out
 from unisim_blender.core.simulation.rollout.run import finish
@@ -52,6 +54,29 @@ def test_an_actor_is_hidden_from_the_sensors_that_are_named(simulation: Simulati
     assert image != unseen_image and sweep != unseen_sweep
     assert seen(simulation, {CAMERA: {LEAD}}) == (unseen_image, sweep)
     assert seen(simulation, {LIDAR: {LEAD}}) == (image, unseen_sweep)
+
+
+def test_drivers_get_confidence_where_it_was_asked_for(simulation: Simulation, tmp_path: Path) -> None:
+    """The pass as it is rendered, of a frame that was rendered before, too; None where nobody asked."""
+    settings = replace(simulation.plan.settings, passes=("rgb", "unsupported", "confidence"), formats=("png", "npz"))
+    sensors = SimulatedSensors(replace(simulation.plan, settings=settings), simulation.renderer, tmp_path)
+    context = simulation.context
+    first = [next(one for one in context.exposures if one.capture.sensor_id == CAMERA)]
+    for deliver in (sensors.render, sensors.read):
+        (image,), _ = deliver(context.drive, first)
+        shot = sensors.frames[CAMERA]
+        assert isinstance(shot, CameraFrame) and shot.confidence is not None and image.confidence is not None
+        np.testing.assert_array_equal(image.confidence, shot.confidence)
+    assert image.confidence is not None
+    assert sensors.confidence == {CAMERA: pytest.approx(image.confidence.mean())}
+    assert 0 < sensors.confidence[CAMERA] < 1
+    asked = replace(simulation, plan=replace(simulation.plan, settings=settings), out=tmp_path / "asked")
+    asked.out.mkdir()
+    record = record_of(asked, roll_out(asked))
+    assert record.confidence is not None and 0 < np.mean([each for each in record.confidence if each is not None]) < 1
+    plain = SimulatedSensors(simulation.plan, simulation.renderer, None)
+    (image,), _ = plain.render(context.drive, first)
+    assert image.confidence is None and not plain.confidence
 
 
 def test_physics_knows_of_hidden_actors_and_the_scenario_renders_them(log: Path, simulation: Simulation) -> None:

@@ -13,7 +13,7 @@ from unisim_blender.core.geometry import BoolArray, FloatArray
 from unisim_blender.core.simulation.scores.driving import comfort, deviation, path_places, progress, rates
 from unisim_blender.core.simulation.scores.off_road import corridor_distance, off_road, static_collision
 from unisim_blender.core.simulation.scores.record import Record, RecordError
-from unisim_blender.core.simulation.scores.summary import unsupported
+from unisim_blender.core.simulation.scores.summary import score_table, summarise, unsupported, validity
 
 FIVE = times(5.0)
 
@@ -283,6 +283,26 @@ def test_distances_to_many_paths_are_those_of_each() -> None:
     far = brute > 3.0
     assert found[far] == pytest.approx(brute[far], abs=0.05)
     assert (found[~far] <= 3.0).all() and 30 < far.sum() < 290
+
+
+def test_what_follows_an_invalid_step_is_left_out() -> None:
+    """A collision after the first invalid step counts in the plain scores, and not in those of the valid part."""
+    times = np.arange(12) * 0.5
+    car = straight(times, 40, 0, 0, 0), (4.0, 2.0)
+    shares = (None, *[0.95] * 6, 0.5, *[0.9] * 4)
+    record = record_of(times, straight(times, 0, 0, 0, 8), {"car": car}, confidence=shares)
+    found = validity(record)
+    assert (found.invalid_steps, found.valid_steps, found.valid_until_s) == (1, 7, 3.0)
+    assert (found.mean_confidence, found.min_confidence) == pytest.approx(((6 * 0.95 + 0.5 + 4 * 0.9) / 11, 0.5))
+    scores = summarise(record)
+    part = scores["valid_part"]
+    assert scores["collision"]["count"] == 1 and part["collision"]["count"] == 0 and part["steps"] == 7
+    assert part["validity"]["invalid_steps"] == 0 and "valid_part" not in part
+    table = score_table(scores)
+    assert "confidence" in table and "valid part" in table
+    sound = record_of(times, straight(times, 0, 0, 0, 8), confidence=(0.8,) * 12)
+    assert validity(sound).invalid_steps == 0 and "valid_part" not in summarise(sound)
+    assert validity(record_of(times, straight(times, 0, 0, 0, 8))).reason is not None
 
 
 def test_when_the_unsupported_share_is_first_too_great() -> None:

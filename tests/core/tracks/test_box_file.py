@@ -138,7 +138,7 @@ def test_what_a_person_noted_is_written_split_and_merged(folder: Path) -> None:
     times = car.world_from_actor.times_s
     middle = float(times[len(times) // 2])
     track = Track(
-        car, drawn_s=(float(times[0]), middle), unsure=((float(times[0]), 0.2),), dismissed=(("jump", middle),)
+        car, drawn_s=(float(times[0]), middle), unsure=((float(times[0]), 0.2),), dismissed=((middle, "jump"),)
     )
     path = folder / "noted.boxes.json"
     write_boxes(path, open_log(folder / "bare"), (track,), "a person")

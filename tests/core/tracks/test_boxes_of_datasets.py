@@ -21,7 +21,7 @@ from unisim_blender.core.errors import LogError
 from unisim_blender.core.formats.argoverse2.files import COLUMNS
 from unisim_blender.core.formats.boxes import open_boxes, with_boxes
 from unisim_blender.core.formats.common.arrow import feather_bytes, read_feather
-from unisim_blender.core.formats.nuscenes.results import CLASSES
+from unisim_blender.core.formats.common.class_names import class_name
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.formats.writers import writer_named
 from unisim_blender.core.geometry import FloatArray, invert_pose
@@ -138,7 +138,9 @@ def test_results_of_nuscenes_tracking_benchmark(logs: Logs, tmp_path: Path) -> N
     }
     category = {row["token"]: row["name"] for row in rows["category"]}
     label = {row["token"]: category[row["category_token"]] for row in rows["instance"]}
-    short = {name: key for key, name in CLASSES.items()}
+    benchmark = "car truck bus trailer construction_vehicle motorcycle bicycle pedestrian traffic_cone barrier".split()
+    short = {class_name(name, "nuscenes"): name for name in benchmark}
+    assert len(short) == 10 and not set(short) & set(benchmark)
     results: dict[str, list[dict[str, object]]] = {"elsewhere": []}
     for row in rows["sample_annotation"]:
         name = label[row["instance_token"]]

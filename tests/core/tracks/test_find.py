@@ -22,7 +22,7 @@ from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.tracks import evidence as evidence_module
 from unisim_blender.core.tracks.associate import associate
 from unisim_blender.core.tracks.box_file import Track, default_path, read_boxes
-from unisim_blender.core.tracks.boxes import closest_heading, completed
+from unisim_blender.core.tracks.boxes import closest_heading, completed, viewed_from
 from unisim_blender.core.tracks.certainty import moving_features, probability
 from unisim_blender.core.tracks.clusters import Cluster
 from unisim_blender.core.tracks.evidence import evidence_of
@@ -153,7 +153,9 @@ def test_a_second_search_reads_no_sweep_and_gives_the_same(tmp_path: Path) -> No
     assert log.reads == reads and len(first) == len(second) > 0
     for a, b in zip(first, second, strict=True):
         assert a.actor.world_from_actor.content() == b.actor.world_from_actor.content() and a.certainty == b.certainty
-    assert [stage for stage, done in stages if done == 1.0] == ["ground", "clusters", "registration", "standing"]
+    assert list(dict.fromkeys(stage for stage, _ in stages)) == ["ground", "clusters", "registration", "standing"]
+    shares = [done for _, done in stages]
+    assert shares == sorted(shares) and 0 < shares[0] and shares[-1] == 1.0
 
 
 def test_a_broken_cache_is_made_anew(tmp_path: Path) -> None:
@@ -239,7 +241,9 @@ def test_what_one_sensor_alone_saw(searched: tuple[Log, tuple[Track, ...]]) -> N
     lidar = next(iter(log.drive.lidars))
     seen = seen_by(log, (moving, standing, away))
     assert lidar in seen[moving.actor.uid] and lidar in seen[standing.actor.uid] and seen["away"] == set()
-    assert "away: none" in report(log, (moving, away))
+    page = report(log, (moving, away))
+    assert re.search(r"<td>away<[^\n]* class=alone>none", page) and page.startswith("<!doctype html>")
+    assert f"1 moving {moving.actor.label}, 1 standing {standing.actor.label}" in page
 
 
 def test_ground_is_below_what_stands(tmp_path: Path) -> None:
@@ -298,9 +302,10 @@ def test_the_heading_of_an_l_is_found(yaw: float) -> None:
 
 
 def test_a_box_goes_on_where_it_is_not_seen() -> None:
-    assert completed(0.0, 1.0, 4.0, -1.0) == (0.0, 4.0)
-    assert completed(0.0, 1.0, 4.0, 1.0) == (-3.0, 1.0)
-    assert completed(0.0, 5.0, 4.0, 0.3) == (0.0, 5.0)
+    ends, usual = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 5.0]]), np.array([4.0, 4.0, 4.0])
+    middle, edges = completed(ends, usual, np.array([-1.0, 1.0, 0.3]))
+    assert middle.tolist() == [2.0, -1.0, 2.5] and edges.tolist() == [4.0, 4.0, 5.0]
+    assert viewed_from(ends, usual, np.array([[-9.0, 0.5, 4.5], [-9.0, 9.0, 4.5]])).tolist() == [-1.0, 0.5, 0.4]
 
 
 def cluster(xy: FloatArray, time_s: float) -> Cluster:
@@ -349,6 +354,20 @@ def test_a_track_goes_on_where_nothing_sees_through_its_place() -> None:
     (chain,) = associate(sweeps)
     assert [part.middle_s for part in chain] == pytest.approx([0.1 * number for number in range(20)])
     assert np.ptp([part.middle[1] for part in chain]) < 0.5
+
+
+def test_a_turning_car_of_which_a_sweep_shows_two_pieces_stays_one_track() -> None:
+    sweeps = []
+    for number in range(24):
+        angle = 0.12 * max(number - 12, 0)  # straight on, then a turn to the left
+        at = np.array([0.0, 0.5 * min(number, 12)]) + 0.5 / 0.12 * np.array([np.cos(angle) - 1, np.sin(angle)])
+        yaw = np.pi / 2 + angle
+        ahead = 0.9 * np.array([np.cos(yaw), np.sin(yaw)])
+        rear, front = (l_shape(yaw, place, (1.6, 1.8)) for place in (at - ahead, at + ahead))
+        shown = [rear] * (number <= 12) + [front] * (number >= 12)
+        sweeps.append([cluster(part, number * 0.1) for part in shown])
+    (chain,) = associate(sweeps)
+    assert [part.middle_s for part in chain] == pytest.approx([0.1 * number for number in range(24)])
 
 
 def test_registration_takes_back_a_turning_path() -> None:

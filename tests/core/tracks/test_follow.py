@@ -22,9 +22,11 @@ from unisim_blender.core.geometry import (
     quaternion_from_yaw,
 )
 from unisim_blender.core.tracks import follow as follow_module
+from unisim_blender.core.tracks import scans
 from unisim_blender.core.tracks.box_file import Track
 from unisim_blender.core.tracks.doubtful import doubtful_places
-from unisim_blender.core.tracks.follow import DrawnBox, SweepStore, follow
+from unisim_blender.core.tracks.follow import DrawnBox
+from unisim_blender.core.tracks.scans import SweepStore
 from unisim_blender.core.world.drive import Actor, Appearance
 
 SIZE = np.array([4.5, 1.9, 1.6])
@@ -36,6 +38,19 @@ def car_at(time_s: float) -> FloatArray:
     heading = 0.12 * time_s
     place = [-8 + 12 * time_s, 7 + 0.72 * time_s**2, SIZE[2] / 2]
     return make_pose(np.array(place), quaternion_from_yaw(heading))
+
+
+def follow(store: SweepStore, track: Track, drawn: list[DrawnBox], refine: bool = False, shares: Any = None) -> Track:
+    """The track that following a box ends with."""
+    steps = follow_module.follow(store, track, drawn, refine)
+    try:
+        while True:
+            share = next(steps)
+            if shares is not None:
+                shares.append(share)
+    except StopIteration as end:
+        followed: Track = end.value
+        return followed
 
 
 PARKED = make_pose(np.array([9.0, -4.0, SIZE[2] / 2]), quaternion_from_yaw(0.3))
@@ -118,7 +133,7 @@ def box(size: FloatArray = SIZE) -> Track:
 def test_a_moving_car_is_followed_both_ways_from_one_box(store: SweepStore) -> None:
     time_s = passed_s(9)
     shares: list[float] = []
-    result = follow(store, box(), [DrawnBox(time_s, car_at(time_s))], progress=shares.append)
+    result = follow(store, box(), [DrawnBox(time_s, car_at(time_s))], shares=shares)
     path = result.actor.world_from_actor
     assert result.actor.is_moving and path.times_s[0] < 0.05 and path.times_s[-1] > 2.2
     centre, heading = errors(result).T
@@ -172,7 +187,7 @@ def test_sweeps_that_do_not_fit_into_memory_are_read_again(store: SweepStore, mo
     log: Any = Passing()
     small = SweepStore(log)
     most = 3 * store.near(0, np.zeros(2), 1e3).nbytes
-    monkeypatch.setattr(follow_module, "STORED_BYTES", most)
+    monkeypatch.setattr(scans, "STORED_BYTES", most)
     again = follow(small, box(), drawn)
     assert (again.returns, again.sweeps, again.actor.end_s) == (whole.returns, whole.sweeps, whole.actor.end_s)
     assert small._bytes <= most and log.reads > SWEEPS
@@ -222,6 +237,6 @@ def test_doubtful_places() -> None:
     assert overlap.other == "twin" and 0.5 < overlap.value <= 1.0
     unsure = replace(track("good", along, times), unsure=((1.6, 0.1),))
     assert [(place.kind, place.time_s) for place in doubtful_places([unsure], times)] == [("uncertain", 1.6)]
-    seen = replace(tracks[0], dismissed=(("jump", 1.2),))
+    seen = replace(tracks[0], dismissed=((1.2, "jump"),))
     assert "jump" not in {place.kind for place in doubtful_places([seen, *tracks[1:]], times) if place.uid == "jump"}
-    assert doubtful_places([replace(unsure, dismissed=(("jump", 1.6), ("uncertain", 9.0)))], times) != ()
+    assert doubtful_places([replace(unsure, dismissed=((1.6, "jump"), (9.0, "uncertain")))], times) != ()

@@ -30,6 +30,7 @@ from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.ops.segment_trace import SegmentTrace
 from unisim_blender.core.presets import PRESETS, preset
+from unisim_blender.core.render.confidence import RIGHT_RGB
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.segments import Sampling
 from unisim_blender.core.render.tracers.torch.trace import trace
@@ -134,6 +135,12 @@ def test_what_a_finished_training_leaves(log: Log, whole: Path) -> None:
     assert (whole / scene.header.log_path).resolve() == log.path.resolve()
     frame = DriveFrames(Renderer(TorchBackend(scene)), scene.header.drive).camera("front_camera", 1)
     assert frame.rgb.shape == (32, 48, 3) and np.isfinite(frame.rgb).all()
+    frames, right = DriveFrames(Renderer(TorchBackend(scene)), scene.header.drive), []
+    for number in training["frames"]:
+        error = np.abs(frames.camera("front_camera", number).rgb - log.image("front_camera", number) / 255)
+        right.append((error < RIGHT_RGB).all(-1).mean())
+    assert training["accuracy"]["camera"] == pytest.approx(np.mean(right), abs=0.02)
+    assert 0 <= training["accuracy"]["lidar"] <= 1
     assert int(scene.model.observed.sum()) > 100
 
 

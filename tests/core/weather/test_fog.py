@@ -13,7 +13,7 @@ from busy_drive import backends, busy_drive
 from same_frames import assert_same
 from scipy.integrate import quad
 
-from unisim_blender.core.colour import linear_from_srgb
+from unisim_blender.core.colour import linear_from_srgb, srgb_from_linear
 from unisim_blender.core.geometry import FloatArray, Trajectory
 from unisim_blender.core.render.captures import CaptureStates, render_image, render_sweep, states_of
 from unisim_blender.core.render.lattice import Region
@@ -22,9 +22,11 @@ from unisim_blender.core.render.reuse import FrameReuse
 from unisim_blender.core.render.tracer import Backend
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.scenario.context import EditContext
-from unisim_blender.core.sensors.frames import CAMERA_PASSES, LidarFrame
+from unisim_blender.core.sensors.frames import CAMERA_PASSES, CameraFrame, LidarFrame
 from unisim_blender.core.simulation.edits import ScenarioDrive
 from unisim_blender.core.weather.atmosphere import backscatter, extinctions
+from unisim_blender.core.weather.camera import Air
+from unisim_blender.core.weather.camera import weathered as camera_weathered
 from unisim_blender.core.weather.lidar import (
     cell_length_m,
     detectable,
@@ -35,7 +37,7 @@ from unisim_blender.core.weather.lidar import (
     weathered,
 )
 from unisim_blender.core.world.captures import Capture
-from unisim_blender.core.world.drive import Drive, Lidar, LidarModel
+from unisim_blender.core.world.drive import CameraModel, Drive, Lidar, LidarModel
 from unisim_blender.core.world.encoding import decode_state, encode_state
 from unisim_blender.core.world.replay import DriveStates
 from unisim_blender.core.world.weather import Receiver, Weather, WeatherKeys
@@ -73,6 +75,7 @@ def test_light_is_attenuated_over_the_depth_and_the_sky_is_airlight(
     renderer = Renderer(loaded[kind])
     capture = Capture.of_frame(drive.cameras["front"], 1)
     clear = render_image(renderer, states(renderer, drive, None), capture, ("rgb", "depth"))
+    ids = render_image(renderer, states(renderer, drive, None), capture, ("rgb", "depth", "instance"))
     foggy = render_image(renderer, states(renderer, drive, FOG), capture, ("rgb", "depth"))
     assert clear.depth_m is not None and foggy.depth_m is not None
     np.testing.assert_array_equal(clear.depth_m, foggy.depth_m)
@@ -82,10 +85,39 @@ def test_light_is_attenuated_over_the_depth_and_the_sky_is_airlight(
     assert np.ptp(light, 0).max() < 1e-6
     at = FOG.at(capture.time_s(drive.cameras["front"]))
     assert at is not None
+    time_s = capture.time_s(drive.cameras["front"])
+    air = renderer.air(
+        states(renderer, drive, FOG).state(drive.cameras["front"], time_s), drive.cameras["front"], time_s
+    )
+    size = clear.rgb.shape[0], clear.rgb.shape[1]
+    shown = air.sky(replace(clear, instance=ids.instance), slice(None), slice(None), size)
     through = np.exp(np.log(0.02) / at.visibility_m * clear.depth_m.astype(np.float64))[..., None]
+    through[shown] = 0
     expected = linear_from_srgb(clear.rgb) * through + light[0] * (1 - through)
     np.testing.assert_allclose(linear_from_srgb(foggy.rgb), expected, atol=2e-6)
     assert np.abs(foggy.rgb - clear.rgb)[~sky].max() > 0.05
+
+
+def test_a_sheet_of_the_skys_colour_is_sky_where_beams_would_not_return() -> None:
+    """A scene has sheets of sky at 15 m on the left and right; in front of them a white lorry, a dark tree and a wall which
+    beams return from."""
+    air = Air(np.array([0.5, 0.6, 0.8]), np.repeat(np.array([[1, 1, 1, 0]], np.float32), 3, 0))
+    sky = np.tile(srgb_from_linear(np.array([0.4, 0.5, 0.9], np.float32)), (30, 40, 1))
+    model = CameraModel(40, 30, 40.0, 40.0, 20.0, 15.0)
+    instance, depth = np.zeros((30, 40), np.int32), np.full((30, 40), 15, np.float32)
+    frame = CameraFrame(model, np.eye(4), sky, depth, instance=instance)
+    frame.rgb[20:, :20] = srgb_from_linear(np.array([0.05, 0.1, 0.03], np.float32))
+    instance[:10, 5:15] = 1
+    depth[:, 20:22] = np.inf
+    shown = air.sky(frame, slice(None), slice(None), (30, 40))
+    expected = np.repeat(np.arange(40)[None] < 30, 30, 0)
+    expected[20:, :20] = expected[:10, 5:15] = False
+    np.testing.assert_array_equal(shown, expected)
+    part = replace(frame, rgb=sky[4:20, 8:37], depth_m=depth[4:20, 8:37], instance=instance[4:20, 8:37])
+    np.testing.assert_array_equal(air.sky(part, slice(4, 20), slice(8, 37), (30, 40)), expected[4:20, 8:37])
+    foggy = linear_from_srgb(camera_weathered(frame, Weather(visibility_m=50.0), air))
+    np.testing.assert_allclose(foggy[shown], np.broadcast_to(air.light, foggy[shown].shape), atol=1e-5)
+    assert np.abs(foggy[~shown] - air.light).min(-1).min() > 1e-3
 
 
 @pytest.mark.parametrize("kind", ["compiled", "torch"])
@@ -98,7 +130,8 @@ def test_weather_that_changes_nothing_leaves_the_bits_and_parts_have_those_of_th
     assert nothing.at(0.1) is None
     plain = render_image(renderer, states(renderer, drive, None), capture, CAMERA_PASSES)
     assert_same(render_image(renderer, states(renderer, drive, nothing), capture, CAMERA_PASSES), plain)
-    foggy = states(renderer, drive, FOG)
+    soaked = WeatherKeys({**FOG.keys, "rain_mm_h": ((0.0, 20.0),), "wetness": ((0.0, 1.0),)})
+    foggy = states(renderer, drive, soaked)
     whole = render_image(renderer, foggy, capture)
     height, width = whole.rgb.shape[:2]
     region = Region(width // 3, height // 4, width - 5, height - 2)

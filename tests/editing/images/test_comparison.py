@@ -29,6 +29,8 @@ from unisim_blender.editing.images.comparison import (
     hatched,
     placement,
     resampled,
+    tint,
+    tinted,
     visible,
 )
 from unisim_blender.editing.reading.requests import sized
@@ -116,6 +118,20 @@ def test_what_a_region_shows_of_an_image() -> None:
     assert visible((10, 20, 100, 50), (400, 300)) == (slice(0, 50), slice(0, 100))
     assert visible((-30, -20, 100, 50), (60, 10)) == (slice(20, 30), slice(30, 90))
     assert visible((500, 0, 100, 50), (400, 300))[1] == slice(0, 0)
+
+
+def test_doubted_pixels_are_orange_and_wrong_ones_red() -> None:
+    confidence = np.array([[1.0, 0.8, 0.5, 0.2, 0.0]], np.float32)
+    clear, threshold, orange, red, wrong = tint(confidence)[0]
+    assert not clear.any() and not threshold.any()
+    np.testing.assert_allclose(orange, 0.3 * np.array([1.0, 0.6, 0.0, 1.0]), atol=1e-6)
+    np.testing.assert_allclose(red, 0.6 * np.array([1.0, 0.02, 0.02, 1.0]), atol=1e-6)
+    np.testing.assert_array_equal(wrong, red)
+    image = np.full((1, 5, 4), 0.5, np.float32)
+    image[..., 3] = 1
+    over = tinted(image, confidence)
+    np.testing.assert_array_equal(over[0, 0], image[0, 0])
+    np.testing.assert_allclose(over[0, 3], [0.8, 0.212, 0.212, 1.0], atol=1e-6)
 
 
 def test_hatching_lies_over_unsupported_pixels_alone() -> None:

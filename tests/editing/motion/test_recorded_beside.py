@@ -7,6 +7,7 @@ import pytest
 from imported_scene import beside, driving
 
 from unisim_blender.core.geometry import FloatArray, box_corners
+from unisim_blender.core.sensors.silhouettes import BOX_EDGES as EDGES
 from unisim_blender.editing.layout.speed_graph import EDITED, OVER, RECORDED, curves, moment, values
 from unisim_blender.editing.layout.trails import (
     FAST,
@@ -30,7 +31,6 @@ from unisim_blender.editing.motion.kinematics import (
 )
 from unisim_blender.editing.sampled.clock import Clock, recorded_poses, recorded_there
 from unisim_blender.editing.sampled.source import DriveSource
-from unisim_blender.editing.sensors.lenses import EDGES
 
 
 def track_of(source: DriveSource, uid: str) -> ObjectTrack:

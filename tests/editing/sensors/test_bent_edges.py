@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
+from unisim_blender.core.sensors.silhouettes import BOX_EDGES as EDGES
+from unisim_blender.core.sensors.silhouettes import PIECES as STEPS
+from unisim_blender.core.sensors.silhouettes import bent_edges
 from unisim_blender.core.world.drive import CameraModel
-from unisim_blender.editing.sensors.lenses import EDGES, STEPS, bent_edges, corners
+from unisim_blender.editing.sensors.lenses import corners
 
 BOX = corners(np.array([-1.0, -0.5, 3.0]), np.array([1.0, 0.5, 6.0]))
 PLAIN = CameraModel(200, 100, 80.0, 80.0, 100.0, 50.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -12,15 +11,15 @@ import numpy as np
 
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray, Trajectory
-from ...core.tracks.box_file import Track
+from ...core.tracks.box_file import Track, track_from_json, track_to_json, unused_uid
 from ...core.world.drive import Actor, Appearance, Drive
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import rigid
 from ...editing.sampled.source import DriveSource
 from ..objects.animation import keys_of
 from ..objects.imported import as_imported, box_mesh, collection_of, imported_objects, originals
-from ..objects.trajectories import keyed_poses, local_poses, remove, settle_on, trajectory_of
-from .drive import animate, import_object, single_key
+from ..objects.trajectories import keyed_poses, local_poses, remove, trajectory_of
+from .drive import go, import_object, single_key
 
 SAME_M = 1e-3
 """Distance up to which a box stands where the recorded one does."""
@@ -43,28 +42,16 @@ def put_track(scene: bpy.types.Scene, track: Track, drive: Drive) -> bpy.types.O
 
 
 def set_track(obj: bpy.types.Object, track: Track, drive: Drive) -> None:
-    """Give a box all that a track is."""
-    about = obj.unisim_track
-    about.certainty, about.source, about.returns, about.sweeps = (
-        track.certainty, track.source, track.returns, track.sweeps,
-    )  # fmt: skip
-    about.drawn = json.dumps([[time, track.actor.world_from_actor.at(time).ravel().tolist()] for time in track.drawn_s])
-    about.unsure, about.dismissed = json.dumps(track.unsure), json.dumps(track.dismissed)
-    settle(obj)
-    place_track(obj, track.actor, drive)
-
-
-def place_track(obj: bpy.types.Object, actor: Actor, drive: Drive) -> None:
-    """Give a box the class, size, trajectory and presence of an actor."""
-    about, before = obj.unisim_track, obj.data
-    about.label, about.size_m = actor.label, actor.size_m.tolist()
+    """Give a box all that a track is, in place of what it was."""
+    actor, about, before = track.actor, obj.unisim_track, obj.data
+    path = actor.world_from_actor
+    about.certainty, about.size_m = track.certainty, actor.size_m.tolist()
+    about.drawn = json.dumps([[time, path.at(time).ravel().tolist()] for time in track.drawn_s])
+    about.track = json.dumps(track_to_json(replace(track, actor=replace(actor, world_from_actor=single_key(path)))))
     obj.data, obj.scale = box_mesh(actor.size_m, actor.label), (1.0, 1.0, 1.0)
     if before is not obj.data and before.users == 0:
         bpy.data.meshes.remove(before)
-    start, end = (value if math.isfinite(value) else None for value in (actor.start_s, actor.end_s))
-    about.present = json.dumps([start, end])
-    path = actor.world_from_actor
-    animate(obj, path if actor.is_moving else single_key(path), Clock.of(drive), drive.window(actor))
+    go(obj, actor, drive, Clock.of(drive))
     if trajectory_of(obj) is None:  # its place is no displacement
         obj.unisim.rest_location, obj.unisim.rest_rotation = obj.location, obj.rotation_quaternion
 
@@ -79,20 +66,12 @@ def pose_now(obj: bpy.types.Object) -> FloatArray:
     return rigid(np.array(obj.matrix_world, float))
 
 
-def presence(obj: bpy.types.Object) -> tuple[float, float]:
-    """Return from when to when a box is there, seconds."""
-    start, end = json.loads(obj.unisim_track.present or "[null, null]")
-    return -math.inf if start is None else start, math.inf if end is None else end
-
-
 def path_of(obj: bpy.types.Object, clock: Clock, displaced: bool = True) -> Trajectory:
     """Return the trajectory of a box, with its displacement or without; of one key where it stands."""
     above = trajectory_of(obj)
     keys = None if above is None else keys_of(above)
     if keys is None or len(keys[0]) < 2:
-        start = presence(obj)[0]
-        time = start if math.isfinite(start) else float(clock.times_s[0])
-        return Trajectory.from_poses(np.array([time]), rigid(keyed_poses(obj, [float(clock.frame(np.array(time)))])))
+        return Trajectory.from_poses(clock.times_s[:1], rigid(keyed_poses(obj, clock.frames[:1].tolist())))
     frames = keys[0].tolist()
     poses = keyed_poses(above, frames)
     return Trajectory.from_poses(clock.time_s(keys[0]), poses @ local_poses(obj, frames) if displaced else poses)
@@ -100,14 +79,18 @@ def path_of(obj: bpy.types.Object, clock: Clock, displaced: bool = True) -> Traj
 
 def track_of(obj: bpy.types.Object, clock: Clock, displaced: bool = True) -> Track:
     """Return the track of a box, with its displacement or without."""
-    about, path = obj.unisim_track, path_of(obj, clock, displaced)
-    start, end = presence(obj)
-    uid = obj.unisim.uid
-    actor = Actor(uid, about.label, size_now(obj), path, start, end, len(path.times_s) > 1, Appearance(uid))
+    about, path, uid = obj.unisim_track, path_of(obj, clock, displaced), obj.unisim.uid
+    track = track_from_json(json.loads(about.track), obj.name)
+    actor = replace(
+        track.actor,
+        uid=uid,
+        size_m=size_now(obj),
+        world_from_actor=path,
+        is_moving=len(path.times_s) > 1,
+        appearance=Appearance(uid),
+    )
     drawn = tuple(time for time, _ in drawn_of(obj))
-    certainty = min(1.0, max(0.0, round(about.certainty, 6)))
-    unsure, dismissed = (tuple(map(tuple, json.loads(text or "[]"))) for text in (about.unsure, about.dismissed))
-    return Track(actor, certainty, about.source, about.returns, about.sweeps, drawn, unsure, dismissed)
+    return replace(track, actor=actor, certainty=min(1.0, max(0.0, round(about.certainty, 6))), drawn_s=drawn)
 
 
 def drawn_of(obj: bpy.types.Object) -> list[tuple[float, list[float]]]:
@@ -117,11 +100,7 @@ def drawn_of(obj: bpy.types.Object) -> list[tuple[float, list[float]]]:
 
 def new_uid(scene: bpy.types.Scene, drive: Drive, like: str = "box") -> str:
     """Return an id that no actor and no box has."""
-    taken = {obj.unisim.uid for obj in tracks_in(scene)} | set(drive.actors)
-    number = 1
-    while f"{like}-{number}" in taken:
-        number += 1
-    return f"{like}-{number}"
+    return unused_uid(like, {obj.unisim.uid for obj in tracks_in(scene)} | set(drive.actors))
 
 
 def saved_tracks(boxes: Iterable[bpy.types.Object], source: DriveSource) -> list[Track]:
@@ -142,14 +121,12 @@ def saved_tracks(boxes: Iterable[bpy.types.Object], source: DriveSource) -> list
 
 
 def _same(actor: Actor, recorded: Actor) -> bool:
-    if actor.label != recorded.label or actor.is_moving != recorded.is_moving:
+    members = "label", "is_moving", "start_s", "end_s"
+    if any(getattr(actor, name) != getattr(recorded, name) for name in members):
         return False
-    if (np.abs(actor.size_m - recorded.size_m) > SAME_M).any():
-        return False
-    times = recorded.world_from_actor.times_s if recorded.is_moving else actor.world_from_actor.times_s[:1]
+    times = recorded.world_from_actor.times_s if recorded.is_moving else actor.world_from_actor.times_s
     apart = actor.world_from_actor.at(times) - recorded.world_from_actor.at(times)
-    ends = np.array([actor.start_s, actor.end_s]), np.array([recorded.start_s, recorded.end_s])
-    return bool(np.abs(apart).max() < SAME_M) and bool(np.array_equal(*np.nan_to_num(ends, posinf=1e9, neginf=-1e9)))
+    return max(np.abs(actor.size_m - recorded.size_m).max(), np.abs(apart).max()) < SAME_M
 
 
 def hide_actors(scene: bpy.types.Scene, hide: bool) -> None:
@@ -190,10 +167,3 @@ def displaced(obj: bpy.types.Object) -> bool:
         np.array(obj.rotation_quaternion) - obj.unisim.rest_rotation,
     )
     return any(float(np.abs(part).max()) > 1e-5 for part in (*moved, np.array(obj.scale) - 1))
-
-
-def settle(obj: bpy.types.Object) -> None:
-    """Let a box ride on its trajectory without the displacement that a person gave it."""
-    if trajectory_of(obj) is not None:
-        settle_on(obj)
-    obj.scale = (1.0, 1.0, 1.0)

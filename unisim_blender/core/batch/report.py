@@ -39,6 +39,10 @@ SCORES = {
     "off the log, m": "deviation.across_max_m",
     "off road": "off_road.off_road",
     "comfortable": "comfort.comfortable",
+    "invalid steps": "validity.invalid_steps",
+    "valid until, s": "validity.valid_until_s",
+    "PDMS, valid part": "valid_part.pdms.score",
+    "collisions, valid part": "valid_part.collision.count",
 }
 """Columns of scores, and where a rollout's scores have them."""
 FINISHED, FAILED, UNFINISHED = "finished", "failed", "unfinished"
@@ -241,6 +245,10 @@ def _summary(counts: Mapping[str, int], rows: Sequence[VariantRow]) -> str:
     driven = [row for row in rows if row.scores]
     if driven:
         parts.append(f"{sum(row.collided for row in driven)} with a collision")
+    measured = [row for row in driven if "invalid steps" in row.scores]
+    if measured:
+        valid = [row for row in measured if not row.scores["invalid steps"]]
+        parts.append(f"{len(valid)} valid throughout, {sum(row.collided for row in valid)} of these with a collision")
     captures = ""
     if counts.get("asked"):
         asked, rendered, shared = (counts.get(name, 0) for name in COUNTS)

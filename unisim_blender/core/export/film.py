@@ -27,6 +27,7 @@ from ..geometry import FloatArray, box_corners, invert_pose, transform_points
 from ..json_file import Node
 from ..output.video import playback, write_video
 from ..scenario import load_scenario
+from ..sensors.silhouettes import bent_edges
 from ..simulation.rollout.steps import SCENARIO_NAME, RolloutStep, stream_steps
 from ..simulation.states import EgoState, Footprint
 from ..simulation.vehicle.actions import Plan
@@ -221,27 +222,15 @@ def write_log_film(
     _write(source, moments, [name for name in frames if frames[name]], out, on_frame, None)
 
 
-EDGES = [(a, a | bit) for a in range(8) for bit in (1, 2, 4) if not a & bit]
-"""Pairs of a box's corners."""
-EDGE_STEPS = 12
-"""Pieces of an edge, which a lens may bend."""
-
-
 def _draw_boxes(picture: Image.Image, drive: Drive, camera: Camera, time_s: float) -> None:
     """Draw the boxes of the actors that are present into a camera's image."""
     pen, scale = ImageDraw.Draw(picture), picture.width / camera.model.width
     camera_from_world = invert_pose(camera.world_from_camera.at(time_s))
-    part = np.linspace(0, 1, EDGE_STEPS + 1)[:, None]
     for actor in drive.labelled_actors:
-        if not actor.present(time_s):
-            continue
-        corners = transform_points(camera_from_world, box_corners(actor.world_from_actor.at(time_s), actor.size_m))
-        for a, b in EDGES:
-            u, v, valid = camera.model.project(corners[a] * (1 - part) + corners[b] * part)
-            at = np.stack([u, v], -1) * scale
-            for n in np.flatnonzero(valid[1:] & valid[:-1]):
-                if ((at[n : n + 2] > -picture.width) & (at[n : n + 2] < 2 * picture.width)).all():
-                    pen.line([tuple(at[n]), tuple(at[n + 1])], fill=EGO_BOX, width=2)
+        if actor.present(time_s):
+            corners = box_corners(actor.world_from_actor.at(time_s), actor.size_m)
+            for piece in bent_edges(camera.model, camera_from_world, corners) * scale:
+                pen.line(piece.ravel().tolist(), fill=EGO_BOX, width=2)
 
 
 def _write(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..data.log import Log
 from ..errors import LogError
-from ..tracks.box_file import boxed_log, is_box_file, read_boxes
+from ..tracks.box_file import BoxFile, boxed_log, is_box_file, read_boxes
 
 
 class BoxFileReader:
@@ -27,10 +27,16 @@ class BoxFileReader:
     def open(self, path: Path) -> Log:
         """Open the log that the file names. Raises `LogError`."""
         boxes = read_boxes(path)
-        if boxes.log is None:
-            raise LogError(f'{path}: names no log: give it the member "log", or name it by --boxes beside a log')
-        if not boxes.log.exists():
-            raise LogError(f"{path}: log: there is none at {boxes.log}")
-        if is_box_file(boxes.log):
-            raise LogError(f"{path}: log: {boxes.log} is a file of boxes, too")
-        return boxed_log(self._open_log(boxes.log), boxes)
+        recorded = named_log(boxes)
+        if not recorded.exists():
+            raise LogError(f"{path}: log: there is none at {recorded}")
+        if is_box_file(recorded):
+            raise LogError(f"{path}: log: {recorded} is a file of boxes, too")
+        return boxed_log(self._open_log(recorded), boxes)
+
+
+def named_log(boxes: BoxFile) -> Path:
+    """Return the log that a file of boxes names. Raises `LogError` where it names none."""
+    if boxes.log is None:
+        raise LogError(f'{boxes.path}: names no log: give it the member "log", or name it by --boxes beside a log')
+    return boxes.log

@@ -11,6 +11,7 @@ from ..errors import LogError
 from ..files import cache_folder, file_stamp, write_file
 from ..tracks.box_file import FORMAT, SUFFIX, BoxFile, in_world_of, is_box_file, read_boxes, text_of, tracks_of
 from ..world.box_tracks import TrackedBoxes
+from .boxed import named_log
 from .readers import drive_in, open_log
 
 
@@ -19,10 +20,7 @@ def with_boxes(log: Path, boxes: Path) -> Path:
     it names that log, or else a copy among the user's cached files. Raises `LogError`, `OutputError`."""
     log = drive_in(log)
     if is_box_file(log):
-        recorded = read_boxes(log).log
-        if recorded is None:
-            raise LogError(f"{log}: is a file of boxes that names no log")
-        log = recorded
+        log = named_log(read_boxes(log))
     if is_box_file(boxes):
         content = read_boxes(boxes)
         if content.log is not None and content.log.resolve() == log.resolve():

@@ -143,6 +143,9 @@ def _read_training(node: Node) -> dict[str, Any]:
             node.key(name).integer()
     if "seconds" in there:
         node.key("seconds").number()
+    for _, share in node.key("accuracy").members() if "accuracy" in there else ():
+        if not 0 <= share.number() <= 1:
+            share.fail("a fraction is from 0 to 1")
     if there.get("own_vehicle") is not None:
         check_outlines(node.key("own_vehicle"))
     if "exposures" in there:

@@ -4,7 +4,7 @@ Channels: R G B (linear Rec.709, half) and A, 1 everywhere: the background is pa
 colour premultiplied; depth, z_depth (m, float; inf where nothing was hit), normal.X .Y .Z (world frame, half), instance
 (float, whole numbers: programs scale integer channels to 0..1 where they read all channels as float; 0 is the
 background, n the n-th name of the header's instances), opacity (half; of all that is nearer than the background) and
-unsupported (half; 1 where no recorded ray supports the pixel). A pass that was not rendered has no channel.
+unsupported (half; 1 where no recorded ray supports the pixel), confidence (half). A pass that was not rendered has no channel.
 """
 
 from __future__ import annotations
@@ -57,6 +57,8 @@ def exr_channels(frame: CameraFrame) -> dict[str, NDArray[Any]]:
         channels["opacity"] = frame.opacity.astype(np.float16)
     if frame.unsupported is not None:
         channels["unsupported"] = frame.unsupported.astype(np.float16)
+    if frame.confidence is not None:
+        channels["confidence"] = frame.confidence.astype(np.float16)
     return {name: np.ascontiguousarray(values) for name, values in channels.items()}
 
 

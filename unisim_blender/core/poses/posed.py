@@ -12,8 +12,8 @@ import numpy as np
 
 from ..data.log import REFINED, Log, extras_of
 from ..data.moved import Choice, on_trajectory
-from ..errors import LogError, OutputError
-from ..files import cache_folder, file_stamp, write_file
+from ..errors import LogError
+from ..files import cache_folder, file_stamp, write_cached
 from ..geometry import Trajectory, invert_pose
 from ..json_file import Node, json_bytes, read_json
 from ..world.drive_json import drive_to_json
@@ -75,7 +75,7 @@ def measured(log: Log) -> PosesReport:
     except LogError:
         pass  # a broken one is made anew
     lags = agreement(log.sweep_frames(lidar), lambda frame: standing(log, lidar, frame), _track(log, lidar))
-    _store(cached, [asdict(row) for row in lags])
+    write_cached(cached, json.dumps([asdict(row) for row in lags]).encode())
     return PosesReport(lidar, lags)
 
 
@@ -191,16 +191,14 @@ def _refined(log: Log, lidar: str, progress: Callable[[float], object]) -> Refin
         raise LogError(f"{log.path}: {len(planes)} of {len(frames)} sweeps of {lidar} show planes; poses need two")
     result = refine(planes, recorded, lambda share: progress(0.5 + share / 2))
     correction = result.correction
-    _store(
-        cached,
-        {
-            "times_s": correction.times_s.tolist(),
-            "shift_m": correction.positions.tolist(),
-            "turn_wxyz": correction.quaternions_wxyz.tolist(),
-            "std_m": result.std_m.tolist(),
-            "std_rad": result.std_rad.tolist(),
-        },
-    )
+    document = {
+        "times_s": correction.times_s.tolist(),
+        "shift_m": correction.positions.tolist(),
+        "turn_wxyz": correction.quaternions_wxyz.tolist(),
+        "std_m": result.std_m.tolist(),
+        "std_rad": result.std_rad.tolist(),
+    }
+    write_cached(cached, json.dumps(document).encode())
     return result
 
 
@@ -217,10 +215,3 @@ def cached_file(log: Log, folder: str, name: str) -> Path:
     for file in files if log.path.exists() else ():
         digest.update(f"{file}{file_stamp(file)}".encode())
     return cache_folder() / folder / f"{digest.hexdigest()[:32]}-{name}"
-
-
-def _store(path: Path, value: object) -> None:
-    try:
-        write_file(path, (json.dumps(value) + "\n").encode())
-    except OutputError:
-        pass  # a cache that cannot be written costs time and nothing else

@@ -51,10 +51,13 @@ class RenderedState:
     margin: int = 0
 
     def comparable(self, other: RenderedState) -> bool:
-        """Return whether frames of the two differ by actors and static boxes alone, each where they are: in weather the
-        light of the air depends on the whole image."""
-        in_weather = self.state.weather is not None or other.state.weather is not None
-        return self.about == other.about and self.margin == other.margin and not in_weather
+        """Return whether frames of the two differ by actors and static boxes alone, each where they are. In snow that takes
+        one time; wet ground, as in rain, reflects them elsewhere; the light of the air depends on neither
+        (`Renderer.air`)."""
+        weather = self.state.weather
+        if self.about != other.about or self.margin != other.margin or weather != other.state.weather:
+            return False
+        return weather is None or not (weather.wet or (weather.snow_mm_h and not self.at_the_time_of(other)))
 
     def at_the_time_of(self, other: RenderedState) -> bool:
         """Return whether the states have the same window of time."""

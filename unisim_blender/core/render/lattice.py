@@ -58,6 +58,8 @@ def fill_passes(
         out.opacity = full(maps["opacity"], np.float32)
     if "unsupported" in maps:
         out.unsupported = full(maps["unsupported"], np.bool_)
+    if "confidence" in maps:
+        out.confidence = full(maps["confidence"], np.float32)
 
 
 class Region(NamedTuple):

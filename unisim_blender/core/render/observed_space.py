@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -332,19 +333,25 @@ def cached_space(header: SceneHeader, shown: NDArray[Any], voxel_m: float) -> Ob
 
 def cache_space(header: SceneHeader, space: ObservedSpace) -> None:
     """Store a scene's observed space in the user's cache folder, where that can be written."""
-    file = _file(header)
+    arrays = {"passed": np.packbits(space.passed), "background": np.packbits(space.background)}
+    store_in_cache(_file(header), arrays)
+
+
+def store_in_cache(file: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Store what was computed of a scene in the user's cache folder, where that can be written, and delete the oldest."""
     with suppress(OutputError, OSError):
         with partial_file(file) as temporary, temporary.open("wb") as stream:
-            np.savez_compressed(stream, passed=np.packbits(space.passed), background=np.packbits(space.background))
+            np.savez_compressed(stream, **arrays)
         for old in sorted(file.parent.glob("*.npz"), key=lambda path: path.stat().st_mtime)[:-MAX_CACHED_SCENES]:
             old.unlink(missing_ok=True)
 
 
-def _file(header: SceneHeader) -> Any:
-    about = json.dumps(
-        [SPACE_VERSION, IMAGE_COLUMNS, SWEEP_BEAMS, MAX_FRAMES_PER_SENSOR, header.training, header.volume],
-        sort_keys=True,
-        default=str,
-    )
+def cache_file(header: SceneHeader, kind: str, *settings: int) -> Path:
+    """Return the file in the user's cache folder for what was computed of a scene with these settings."""
+    about = json.dumps([SPACE_VERSION, *settings, header.training, header.volume], sort_keys=True, default=str)
     identity = f"{about} {weights_hash(header.path)}"
-    return cache_folder() / "observed" / f"{hashlib.sha256(identity.encode()).hexdigest()}.npz"
+    return cache_folder() / kind / f"{hashlib.sha256(identity.encode()).hexdigest()}.npz"
+
+
+def _file(header: SceneHeader) -> Path:
+    return cache_file(header, "observed", IMAGE_COLUMNS, SWEEP_BEAMS, MAX_FRAMES_PER_SENSOR)

@@ -15,7 +15,7 @@ Numpy alone: whatever a backend computes with, the renderer is given it. A rende
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, overload
@@ -32,25 +32,34 @@ from ..sensors.bounds import beside_boxes
 from ..sensors.camera import along_axis, camera_rays, pixel_grid
 from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
 from ..sensors.lidar import BeamMeasurements, lidar_rays, sweep_frame
-from ..sensors.rays import Rays
+from ..sensors.rays import Rays, exposure_window
 from ..sensors.unprojection import has_direction, image_mask, least_pixels_per_rad
 from ..weather import camera as camera_weather
 from ..weather import lidar as lidar_weather
+from ..weather import wet_ground
+from ..weather.spray import Puffs, spray
 from ..world.drive import Actor, Camera, Lidar
 from ..world.replay import WorldState
+from .confidence import RecordedDepth, ViewEvidence, probability
 from .contact_shadow import SHADOW_CUTOFF_M, dimmed, displaced, faded, shaded
 from .lattice import NEAR_BOXES, Region, SparseImage, Tile, aligned, fill_passes, progressive_strides
-from .quality import Quality
+from .quality import QUALITIES, Quality
 from .sun_shadow import GroundBeside, SunShadows, sun_shadows
 from .tracer import NEAR_M, Array, Backend, Maps, Tracer
 from .visibility import Reach
 
 MAX_LATTICE_SPACING_PX = 1.5
 """Widest spacing of a lattice, in pixels of the images that the scene was trained on."""
+WEATHER_MAPS = {"depth", "instance"}
+"""Maps of an image that weather needs."""
 MIN_PREVIEW_WIDTH_PX = 16
 """Smallest width of a preview, in pixels."""
 SKY_WIDTH_PX = 64
-"""Width of the image from which the light of the air is estimated, in pixels."""
+"""Width of the image from which the air is estimated, in pixels."""
+MIRROR_WIDTH_PX, MIRROR_LIFT_M = 192, 0.05
+"""Width of the coarse image of what the ground reflects, in pixels, and the height, metres, at which mirrored rays start."""
+MAX_STORED_AIR = 64
+"""Number of images whose air is stored."""
 
 
 @dataclass
@@ -80,8 +89,12 @@ class _Exposure:
     """What waits for the whole image, which a GPU has begun."""
     lights: dict[str, FloatArray] = field(default_factory=dict)
     """Brightness of white ground under an actor, by the actor's id."""
-    airlight: FloatArray | None = None
-    """Light (3,) of the air of the weather; None where the image is to be that of clear air."""
+    air: camera_weather.Air | None = None
+    """The air of the weather; None where the image is to be that of clear air."""
+    mirror: wet_ground.Mirror | None = None
+    """What wet ground reflects, once it is traced."""
+    puffs: Puffs | None = None
+    """Spray behind vehicles, once it is looked for."""
     particles: camera_weather.DrawnParticles | None = None
     """Drops and flakes in the image, once they are drawn."""
 
@@ -89,6 +102,11 @@ class _Exposure:
     def is_shaded(self) -> bool:
         """Whether there are shadows to put into the image."""
         return bool(self.shadowing) or self.shadows is not None
+
+    @property
+    def needs_rays(self) -> bool:
+        """Whether the frame is finished by its rays: for shadows and for confidence."""
+        return self.is_shaded or "confidence" in self.passes
 
 
 class _Binding:
@@ -125,14 +143,22 @@ class Renderer:
     """Renders states of the world with a backend, which holds the loaded scenes and traces rays through them.
 
     ``shadows`` adds contact shadows under inserted actors. ``lighting`` is the backend that traces the ground around
-    meshes, from which they are lit, where ``backend`` shows only part of it.
+    meshes, from which they are lit, where ``backend`` shows only part of it. ``recorded_depth`` is what confidence is
+    computed from, where it is at hand.
     """
 
-    def __init__(self, backend: Backend, shadows: bool = False, lighting: Backend | None = None) -> None:
-        self.backend, self.shadows = backend, shadows
+    def __init__(
+        self,
+        backend: Backend,
+        shadows: bool = False,
+        lighting: Backend | None = None,
+        recorded_depth: RecordedDepth | None = None,
+    ) -> None:
+        self.backend, self.shadows, self._recorded_depth = backend, shadows, recorded_depth
         self._bound = _Binding(backend)
-        self._behind = _Binding(backend)
         self._blockers = {name: _Binding(backend) for name in ("edited", "recorded", "bare")}
+        self._behind, self._empty = _Binding(backend), _Binding(backend)
+        self._air: dict[tuple[object, ...], camera_weather.Air] = {}
         self._lighting = self._bound if lighting is None or lighting is backend else _Binding(lighting)
         self.quality = backend.quality
         """Settings of speed and accuracy; they may be changed between two frames."""
@@ -281,42 +307,98 @@ class Renderer:
             for actor in displaced(state, recorded)
             if actor.uid in tracer.active.uids
         }
-        needed = _needed(passes, bool(shadowing or moved or shadows)) | (
-            {"depth"} if state.weather is not None else set()
-        )
-        undeciding = needed - _needed(passes, False)
+        needed = _needed(self._with_evidence(passes), bool(shadowing or moved or shadows))
+        needed |= WEATHER_MAPS if state.weather is not None else set()
+        undeciding = needed - _needed(set(passes) - {"confidence"}, False)
         exposure = _Exposure(tracer, state, camera, time_s, passes, needed, undeciding, shadowing, moved, shadows)
         if state.weather is not None:
-            small = camera.resized(min(SKY_WIDTH_PX, camera.model.width))
-            clear = replace(exposure, camera=small, passes=("rgb", "depth"), stats=RenderStats())
-            (tile,) = self._tiles(clear, Region.of_image(small.model))
-            exposure.airlight = camera_weather.airlight(tile.frame, small, time_s)
+            exposure.air = self.air(state, camera, time_s)
         return exposure
+
+    def air(self, state: WorldState, camera: Camera, time_s: float) -> camera_weather.Air:
+        """Return the air in a camera's images of a state: that of the recorded world without actors, so that no edit
+        changes it. It is estimated once for an exposure."""
+        small = camera.resized(min(SKY_WIDTH_PX, camera.model.width))
+        path = camera.world_from_camera.between(*exposure_window(camera, time_s))
+        key = (small.sensor_id, small.model_at(time_s), small.full_width, path.content(), time_s, self.quality)
+        if key not in self._air:
+            empty = replace(state, actors=(), static_copies=(), removed_boxes=(), weather=None, light=None)
+            tracer = self._empty.tracer(empty, self.quality)
+            clear = _Exposure(tracer, empty, small, time_s, ("rgb", "depth"), {"depth"})
+            (tile,) = self._tiles(clear, Region.of_image(small.model))
+            rays = camera_rays(small, time_s, *pixel_grid(small.model))
+            up = np.flatnonzero((rays.directions[..., 2] > 0).reshape(-1))
+            flat, probability = rays.flat(), np.ones(rays.time_s.shape, np.float32)
+            above = Rays(flat.origins[up], flat.directions[up], flat.time_s[up])
+            traced = tracer.trace(above, {"depth"}, False, None, RenderStats())
+            probability.reshape(-1)[up] = tracer.returns(traced, above.directions)[1]
+            if len(self._air) >= MAX_STORED_AIR:
+                del self._air[next(iter(self._air))]
+            self._air[key] = camera_weather.air_of(tile.frame, small, time_s, probability)
+        return self._air[key]
 
     def _finished(self, exposure: _Exposure, frame: CameraFrame, region: Region) -> CameraFrame:
         """Return the frame of a region in the state's weather, blank where its lens shows nothing."""
-        self._put_in_weather(exposure, frame, region)
+        rows, columns = slice(region.top, region.bottom), slice(region.left, region.right)
+        self._put_in_weather(exposure, frame, rows, columns)
         return _blanked(frame, region)
 
-    def _put_in_weather(self, exposure: _Exposure, frame: CameraFrame, region: Region | None) -> None:
-        """Change a frame's colours by the state's weather, and leave out depths that only the weather needs; None: of a
-        preview, without particles."""
-        weather = exposure.state.weather
-        if exposure.airlight is None or weather is None:
+    def _put_in_weather(
+        self, exposure: _Exposure, frame: CameraFrame, rows: slice, columns: slice, preview: bool = False
+    ) -> None:
+        """Change a frame's colours by the state's weather, a preview's without particles, and leave out maps that only the
+        weather needs. The frame is of these rows and columns of the image."""
+        weather, air = exposure.state.weather, exposure.air
+        if air is None or weather is None:
             return
-        drawn, rows, columns = None, slice(0), slice(0)
-        if region is not None:
-            if exposure.particles is None:
-                exposure.particles = camera_weather.drawn_particles(exposure.camera, exposure.time_s, weather)
-            drawn, rows, columns = (
-                exposure.particles,
-                slice(region.top, region.bottom),
-                slice(region.left, region.right),
-            )
-        width = exposure.camera.model.width
-        frame.rgb = camera_weather.weathered(frame, weather, exposure.airlight, drawn, rows, columns, width)
-        if region is None or "depth" not in exposure.passes:
+        if exposure.particles is None and not preview:
+            exposure.particles = camera_weather.drawn_particles(exposure.camera, exposure.time_s, weather)
+        size = exposure.camera.model.height, exposure.camera.model.width
+        sprayed = None
+        if weather.wet:
+            if exposure.mirror is None:
+                exposure.mirror = self._mirror(exposure)
+            frame.rgb = exposure.mirror.wetted(frame, weather.wet, air, rows, columns, size)
+            assert frame.depth_m is not None
+            if exposure.puffs is None:
+                exposure.puffs = spray(exposure.state.actors, weather, exposure.time_s)
+            if len(exposure.puffs.radii_m):
+                sprayed = exposure.puffs.image_depth(exposure.camera, exposure.time_s, frame.depth_m, rows, columns)
+        drawn = None if preview else exposure.particles
+        frame.rgb = camera_weather.weathered(frame, weather, air, drawn, rows, columns, size, sprayed)
+        if preview or "depth" not in exposure.passes:
             frame.depth_m = frame.z_depth_m = None
+        if preview or "instance" not in exposure.passes:
+            frame.instance = None
+
+    def _mirror(self, exposure: _Exposure) -> wet_ground.Mirror:
+        """Return what the ground reflects in an image, by a coarse one of which rays go on from the ground."""
+        camera, time_s, tracer, weather = exposure.camera, exposure.time_s, exposure.tracer, exposure.state.weather
+        assert weather is not None and exposure.air is not None
+        small = camera.resized(min(MIRROR_WIDTH_PX, camera.model.width))
+        rays = camera_rays(small, time_s, *pixel_grid(small.model))
+        shape, flat, quality = rays.time_s.shape, rays.flat(), tracer.quality
+        tracer.quality = QUALITIES["fast"]
+        down = np.flatnonzero(flat.directions[:, 2] < 0)
+        rays = Rays(flat.origins[down], flat.directions[down], flat.time_s[down])
+        depth = tracer.trace(rays, {"depth"}, False, None, RenderStats()).maps["depth"]
+        points = rays.origins + rays.directions * np.where(np.isfinite(depth), depth, 0.0)[:, None]
+        some = np.flatnonzero(wet_ground.is_ground(tracer.heights(points), -rays.directions[:, 2]) & np.isfinite(depth))
+        cosine = -rays.directions[some, 2]
+        up = rays.directions[some] * [1, 1, -1]
+        rays = Rays(points[some] + [0, 0, MIRROR_LIFT_M], up, rays.time_s[some])
+        # one row of cells: a decoder that reads neighbours sees ground on both sides
+        traced = tracer.trace(rays, {"depth"}, True, None, RenderStats())
+        rgb = tracer.image(traced, up, camera.sensor_id, (1, len(some)))[0, :: tracer.upsample]
+        tracer.quality = quality
+        light = linear_from_srgb(self._bound.exposed(rgb, camera.sensor_id, time_s))
+        light = exposure.air.over(light, camera_weather.air_through(weather, traced.maps["depth"]))
+        maps = np.zeros((shape[0] * shape[1], 6), np.float32)
+        maps[down[some], 0], maps[down[some], 1], maps[down[some], 2] = 1, depth[some], cosine
+        maps[down[some], 3:] = light
+        maps = maps.reshape(*shape, 6)
+        mirror = wet_ground.Mirror(maps[..., 0], maps[..., 1], maps[..., 2], maps[..., 3:])
+        return mirror.drawn_out(small.model.pixels_per_rad)
 
     def _shadowing(self, state: WorldState, camera: Camera) -> list[Actor]:
         """Return the actors under which a camera sees contact shadows."""
@@ -348,7 +430,7 @@ class Renderer:
         cells, size, spread = self._cells(exposure, region)
         finished = self._on_device(exposure, cells, size, spread)
         u, v = (x[cells] for x in pixel_grid(camera.model, up))
-        rays = camera_rays(camera, time_s, u, v) if finished is None or exposure.is_shaded else None
+        rays = camera_rays(camera, time_s, u, v) if finished is None or exposure.needs_rays else None
         along: FloatArray | Array | None
         if finished is not None:
             image, along, maps = finished.pop("rgb"), finished.pop("along", None), finished
@@ -381,6 +463,8 @@ class Renderer:
             cells = u[:, x], v[y].T
             rays = camera_rays(camera, time_s, *cells).flat()
             image, maps = self._seen(exposure, cells, rays, 1)
+            if "confidence" in exposure.passes:
+                maps["confidence"] = self._confidence(exposure, rays, maps)
             if in_view and size > 1:
                 # meshes are sharper than the trained scene, and foreign actors may be
                 maps[NEAR_BOXES] = beside_boxes(in_view, rays, size / least_pixels_per_rad(model))
@@ -399,16 +483,18 @@ class Renderer:
         for stride, done in steps:
             values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in sparse.values.items() if name != NEAR_BOXES}
             if stride > 1:
-                names = ("rgb", "unsupported", *(("depth",) if exposure.airlight is not None else ()))
+                names = ("rgb", "unsupported", *(WEATHER_MAPS if exposure.air is not None else ()))
                 few = {name: values[name][::stride, ::stride] for name in names if name in values}
                 preview = CameraFrame(
                     model,
                     camera.world_from_camera.at(time_s),
                     few["rgb"],
                     few.get("depth"),
+                    instance=few.get("instance"),
                     unsupported=few.get("unsupported"),
                 )
-                self._put_in_weather(exposure, preview, None)
+                few_rows, few_columns = (slice(part.start, part.stop, stride) for part in (rows, columns))
+                self._put_in_weather(exposure, preview, few_rows, few_columns, preview=True)
                 yield Tile(preview, region, (stride, stride), (rows.start, columns.start))
                 continue
             part = region._replace(
@@ -419,7 +505,8 @@ class Renderer:
             inner = part.within((rows, columns), 1)
             maps = {name: x[inner].reshape(-1, *x.shape[2:]) for name, x in values.items()}
             across, down = u[:, inner[1]], v[inner[0]]
-            rays = camera_rays(camera, time_s, *np.broadcast_arrays(across, down)) if exposure.is_shaded else None
+            finishes = exposure.needs_rays if finished is not None else exposure.is_shaded
+            rays = camera_rays(camera, time_s, *np.broadcast_arrays(across, down)) if finishes else None
             along: FloatArray | Array | None = None
             if "depth" in maps:
                 along = (
@@ -533,9 +620,61 @@ class Renderer:
         model = camera.model_at(time_s)
         out = CameraFrame(model, pose, image[inner], instances=exposure.tracer.active.uids, stats=exposure.stats)
         shape = -(-image.shape[0] // up), -(-image.shape[1] // up)
-        shown = {*exposure.passes, *(("depth",) if exposure.airlight is not None else ())}
+        if "confidence" in exposure.passes and "confidence" not in maps:
+            assert rays is not None
+            maps = {**maps, "confidence": self._confidence(exposure, rays.flat(), maps)}
+        shown = {*exposure.passes, *(WEATHER_MAPS if exposure.air is not None else ())}
         fill_passes(out, {name: x for name, x in maps.items() if name in shown}, along, shape, up, inner)
         return out
+
+    def _confidence(self, exposure: _Exposure, rays: Rays, maps: Maps) -> Array:
+        """Return the confidence (N,) of flat rays (N,) of an image."""
+        return self.confidence(exposure.state, exposure.camera.world_from_camera.at(exposure.time_s), rays, maps)
+
+    def _with_evidence(self, passes: Sequence[str]) -> set[str]:
+        """Return the maps that passes need, with those that confidence is computed from in its place."""
+        if "confidence" not in passes:
+            return set(passes)
+        evidence = {"depth", "instance"} if hasattr(self.backend, "recorded_depth") else {"unsupported"}
+        return set(passes) - {"confidence"} | evidence
+
+    @property
+    def recorded_depth(self) -> RecordedDepth | None:
+        """Distances of the recorded images and sweeps, traced when they are first needed; None without a trained scene."""
+        if self._recorded_depth is None and hasattr(self.backend, "recorded_depth"):
+            self._recorded_depth = self.backend.recorded_depth()
+        return self._recorded_depth
+
+    def evidence(
+        self, state: WorldState, pose: FloatArray, rays: Rays, maps: Maps, of_beam: bool = False
+    ) -> ViewEvidence | None:
+        """Return what the recording shows of the ends of flat rays (N,) from a sensor's pose, see `confidence`; None
+        without a trained scene."""
+        if self.recorded_depth is None:
+            return None
+        actors, active = {actor.uid: actor for actor in state.actors}, self.tracer(state).active
+        own = [actors[uid] if uid in active.own.uids else None for uid in active.uids]
+        return self.recorded_depth.near(pose, of_beam).evidence(rays, maps["depth"], maps["instance"], own)
+
+    def confidence(self, state: WorldState, pose: FloatArray, rays: Rays, maps: Maps, of_beam: bool = False) -> Array:
+        """Return the probability (N,) that what flat rays (N,) from a sensor's pose show is right, by their maps: of a
+        camera's rays, or of a LiDAR's beams. Meshes are as they are drawn: 1. Without a trained scene 0 and 1, by what is
+        unsupported."""
+        evidence = self.evidence(state, pose, rays, maps, of_beam)
+        if evidence is None:
+            return 1 - maps["unsupported"].astype(np.float32)
+        right = probability(evidence, maps["depth"], maps["instance"], of_beam)
+        active = self.tracer(state).active
+        right[maps["instance"] > len(active.uids) - len(active.mesh_actors.uids)] = 1
+        return right
+
+    def sweep_confidence(self, state: WorldState, sweep: LidarFrame) -> Array | None:
+        """Return the confidence (B, C) of a sweep's beams; None without a trained scene."""
+        if self.recorded_depth is None:
+            return None
+        rays = Rays(sweep.origins, sweep.directions, sweep.time_s).flat()
+        maps = {"depth": sweep.depth_m.reshape(-1), "instance": sweep.instance.reshape(-1)}
+        return self.confidence(state, sweep.world_from_lidar, rays, maps, True).reshape(sweep.depth_m.shape)
 
     def _light(self, exposure: _Exposure, actor: Actor) -> FloatArray:
         """Return the brightness (3,), linear, of white ground under an actor, estimated from the ground beside it in
@@ -650,11 +789,21 @@ class Renderer:
             )
             stats.seconds = {"trace": time.perf_counter() - begun}
             frame = sweep_frame(lidar, time_s, rays, measured, tracer.active.uids, seed, stats)
-            if state.weather is None:
-                return frame
-            return lidar_weather.weathered(frame, lidar, state.weather, time_s)
+            return self.sweep_in_weather(frame, state, lidar, time_s)
 
         return finish
+
+    def sweep_in_weather(self, frame: LidarFrame, state: WorldState, lidar: Lidar, time_s: float) -> LidarFrame:
+        """Return the sweep of clear air at ``time_s`` in the state's weather."""
+        if state.weather is None:
+            return frame
+        ground = puffs = None
+        if state.weather.wet:
+            puffs = spray(state.actors, state.weather, time_s)
+            points = frame.origins + frame.directions * frame.depth_m[..., None]
+            heights = self.tracer(state).heights(points.reshape(-1, 3)).reshape(frame.depth_m.shape)
+            ground = frame.returned & wet_ground.is_ground(heights, -frame.directions[..., 2])
+        return lidar_weather.weathered(frame, lidar, state.weather, time_s, ground, puffs)
 
     def beams(
         self, state: WorldState, rays: Rays, lidar: Lidar | None = None, stats: RenderStats | None = None
@@ -684,7 +833,7 @@ def _alone(tracer: Tracer[Any]) -> bool:
     return tracer.reach == 0 and tracer.upsample == 1
 
 
-def _needed(passes: Sequence[str], shades: bool) -> set[str]:
+def _needed(passes: Collection[str], shades: bool) -> set[str]:
     """Return the maps that an image with these passes needs: a lattice finds edges of normals by depth, and contact
     shadows need the ground."""
     return {*passes, *(("depth",) if "normal" in passes else ()), *(("depth", "instance") if shades else ())} - {"rgb"}

@@ -21,7 +21,7 @@ from ..world.replay import WorldState
 from .changes import RenderedState, changed_beams, changed_regions, standing_pose
 from .renderer import Renderer
 
-PASS_FIELDS = ("rgb", "depth_m", "z_depth_m", "normal", "instance", "opacity", "unsupported")
+PASS_FIELDS = ("rgb", "depth_m", "z_depth_m", "normal", "instance", "opacity", "unsupported", "confidence")
 MAX_CHANGED_SHARE = 0.7
 """Share of a frame that may differ above which all of it is rendered."""
 
@@ -48,7 +48,7 @@ class FrameReuse:
         self, renderer: Renderer, state: WorldState, camera: Camera, time_s: float, passes: Sequence[str]
     ) -> CameraFrame:
         pose = standing_pose(camera.world_from_camera, *exposure_window(camera, time_s))
-        if pose is None or state.weather is not None:
+        if pose is None:
             self._last.pop(camera.sensor_id, None)
             return renderer.render(state, camera, time_s, passes)
         about = *_about(renderer, camera), pose, tuple(passes), camera.model, camera.full_width
@@ -66,9 +66,11 @@ class FrameReuse:
         self, renderer: Renderer, state: WorldState, lidar: Lidar, time_s: float, seed: Sequence[int] | None
     ) -> LidarFrame:
         pose = standing_pose(lidar.world_from_lidar, *exposure_window(lidar, time_s))
-        if pose is None or state.weather is not None:
+        if pose is None:
             self._last.pop(lidar.sensor_id, None)
             return renderer.render(state, lidar, time_s, seed=seed)
+        # sweeps of clear air are reused, whatever the weather does
+        in_weather, state = state, replace(state, weather=None)
         rendered = RenderedState(state, (*_about(renderer, lidar), pose))
         last = self._usable(renderer, lidar, time_s)
         frame = None
@@ -77,7 +79,7 @@ class FrameReuse:
         if frame is None:
             frame = renderer.render(state, lidar, time_s, seed=seed)
         self._last[lidar.sensor_id] = _LastFrame(rendered, time_s, frame)
-        return frame
+        return renderer.sweep_in_weather(frame, in_weather, lidar, time_s)
 
     def _usable(self, renderer: Renderer, sensor: Camera | Lidar, time_s: float) -> _LastFrame | None:
         """Return the sensor's last frame, if what stands has the same bits in it."""

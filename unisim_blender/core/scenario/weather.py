@@ -68,6 +68,7 @@ class WeatherSpec:
     ) = None
     rain_mm_h: Annotated[Keyed, keyed("Rain.", minimum=0, maximum=200)] | None = None
     snow_mm_h: Annotated[Keyed, keyed("Snow, as liquid water.", minimum=0, maximum=20)] | None = None
+    wetness: Annotated[Keyed, keyed("Wet part of the ground; rain adds to it.", minimum=0, maximum=1)] | None = None
     seed: Annotated[int, SchemaOf({"type": "integer", "minimum": 0, "maximum": 2**31 - 1})] | None = None
     sensors: ReceiverSpec | None = None
 

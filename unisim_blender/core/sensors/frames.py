@@ -11,7 +11,7 @@ from ..geometry import BoolArray, FloatArray
 from ..world.drive import CameraModel, LidarModel
 from .error_bound import ErrorBoundResult
 
-CAMERA_PASSES = ("rgb", "depth", "normal", "instance", "opacity", "unsupported")
+CAMERA_PASSES = ("rgb", "depth", "normal", "instance", "opacity", "unsupported", "confidence")
 """Passes a camera frame can hold; ``rgb`` alone is rendered where nothing else was asked for."""
 FORMER_PASSES = {"support": "unsupported"}
 """Former names of passes, which scenario files and the command line may still have."""
@@ -45,8 +45,9 @@ class CameraFrame:
     rgb (H, W, 3) display-referred sRGB in 0..1; depth_m (H, W) along the ray, z_depth_m (H, W) along the optical axis,
     both inf where nothing was hit; normal (H, W, 3) unit, world frame, 0 where nothing was hit; instance (H, W) index
     into ``instances`` plus 1, 0 for the background; opacity (H, W) in 0..1; unsupported (H, W) True where no recorded
-    ray supports the pixel. Where the lens has no direction for a pixel (`sensors.unprojection.image_mask`) it is black
-    and unsupported, and nothing is hit.
+    ray supports the pixel; confidence (H, W) in 0..1, the probability that the pixel is right (`render.confidence`).
+    Where the lens has no direction for a pixel (`sensors.unprojection.image_mask`) it is black, unsupported and of
+    confidence 0, and nothing is hit.
     """
 
     model: CameraModel
@@ -61,11 +62,12 @@ class CameraFrame:
     instances: tuple[str, ...] = ()
     stats: RenderStats = field(default_factory=RenderStats)
     error_bound: ErrorBoundResult | None = None
+    confidence: NDArray[np.float32] | None = None
 
     def blank(self, shown: BoolArray) -> None:
         """Make the frame black and empty where ``shown`` (H, W) is False; colours in place of the array that is
         there."""
-        empty = dict.fromkeys(("rgb", "normal", "instance", "opacity"), 0.0)
+        empty = dict.fromkeys(("rgb", "normal", "instance", "opacity", "confidence"), 0.0)
         for name, nothing in {**empty, "depth_m": np.inf, "z_depth_m": np.inf, "unsupported": True}.items():
             array = getattr(self, name)
             if array is not None:

@@ -17,12 +17,10 @@ MIN_DEPTH_M = 0.01
 """Smallest depth of what a pinhole shows, metres."""
 DOMAIN_DIRECTIONS = 180
 """Number of directions at the edge of the valid domain that are intersected with a box."""
-_BOX_EDGES = [
-    (a, b)
-    for a in range(8)
-    for b in range(a + 1, 8)
-    if (np.abs(UNIT_BOX_CORNERS[a] - UNIT_BOX_CORNERS[b]) > 0).sum() == 1
-]
+BOX_EDGES = np.array([(a, a | bit) for a in range(8) for bit in (1, 2, 4) if not a & bit])
+"""Pairs (12, 2) of the corners of a box that edges connect, as `box_corners` numbers them: a bit for each axis."""
+PIECES = 24
+"""Number of pieces of an edge that is drawn."""
 
 
 class Silhouette(NamedTuple):
@@ -44,7 +42,7 @@ def box_silhouette(model: CameraModel, camera_from_box: FloatArray, size_m: Floa
     size = np.asarray(size_m, float)
     corners = UNIT_BOX_CORNERS * size
     part = np.linspace(0, 1, POINTS_PER_EDGE)[:, None]
-    edges = np.stack([corners[a] + part * (corners[b] - corners[a]) for a, b in _BOX_EDGES])
+    edges = np.stack([corners[a] + part * (corners[b] - corners[a]) for a, b in BOX_EDGES])
     u, v, valid = model.project(transform_points(camera_from_box, edges.reshape(-1, 3)).reshape(edges.shape))
     points, gap = [], 0.0
     if valid.any():
@@ -79,7 +77,7 @@ def covered(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArray)
         low, high = np.min([part[:2] for part in rectangles], 0), np.max([part[2:] for part in rectangles], 0)
         return Silhouette(*low.tolist(), *high.tolist())
     corners = transform_points(camera_from_box, UNIT_BOX_CORNERS * np.asarray(size_m, float))
-    first, second = (corners[:, list(ends)] for ends in zip(*_BOX_EDGES, strict=True))
+    first, second = (corners[:, ends] for ends in BOX_EDGES.T)
     # where edges pass the plane that nothing is nearer than
     passing = (first[..., 2] > MIN_DEPTH_M) != (second[..., 2] > MIN_DEPTH_M)
     a, b = first[passing], second[passing]
@@ -98,7 +96,7 @@ def box_bounds(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArr
     `box_silhouette`."""
     corners = UNIT_BOX_CORNERS * np.asarray(size_m, float)
     part = np.linspace(0, 1, POINTS_PER_EDGE)[:, None]
-    edges = np.concatenate([corners[a] + part * (corners[b] - corners[a]) for a, b in _BOX_EDGES])
+    edges = np.concatenate([corners[a] + part * (corners[b] - corners[a]) for a, b in BOX_EDGES])
     u, v, valid = model.project(transform_points(camera_from_box, edges))
     if not valid.all():
         return box_silhouette(model, camera_from_box, size_m)
@@ -157,3 +155,16 @@ def spheres_in_cone(centres: FloatArray, radii: FloatArray, half_angle: float) -
     angle = np.arctan2(np.hypot(centres[..., 0], centres[..., 1]), centres[..., 2])
     reach = np.arcsin(np.clip(radii / np.maximum(distance, 1e-12), 0, 1))
     return np.asarray((distance <= radii) | (angle <= half_angle + reach))
+
+
+def bent_edges(model: CameraModel, camera_from_box: FloatArray, box: FloatArray) -> FloatArray:
+    """Return the edges of a box with corners ``box`` (8, 3) as segments (S, 2, 2) of an image in pixels;
+    ``camera_from_box`` (4, 4) leads to the camera's axes, OpenCV's. What lies outside the lens's valid domain or ends
+    outside the image is left out."""
+    part = np.linspace(0.0, 1.0, PIECES + 1)[None, :, None]
+    ends = transform_points(camera_from_box, box)[BOX_EDGES]
+    points = ends[:, None, 0] * (1 - part) + ends[:, None, 1] * part
+    u, v, valid = model.project(points)
+    seen = valid & (u >= 0) & (u <= model.width) & (v >= 0) & (v <= model.height)
+    pixels = np.stack([u, v], -1)
+    return np.asarray(np.stack([pixels[:, :-1], pixels[:, 1:]], 2)[seen[:, :-1] & seen[:, 1:]])

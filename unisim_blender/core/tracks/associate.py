@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ FIRST_SPEED = 9.0
 ACCELERATION = 4.0
 NOISE_M = 0.35
 """Standard deviation of a cluster's middle, metres: it wanders as other sides are seen."""
-GATE = 3.0
+GATE, FAR = 3.0, 1e3
 COAST_S = 1.3
 """A track ends where nothing has been seen of it for this long."""
 SIZE_WEIGHT = 0.5
@@ -24,6 +24,8 @@ FEWEST = 4
 STITCH_S, STITCH_M, STITCH_GROWTH, STITCH_SPEED = 4.0, 1.5, 1.0, 4.0
 """Two tracks are one across this gap, where they lie this near and this much more for each second of it, and their
 velocities differ by no more."""
+OVERLAP_S, OVERLAP_M, OVERLAP_SPEED = 0.15, 2.0, 4.5
+"""The same where both have a piece of one thing at the end: for this long, this far apart."""
 NARROW_M, AROUND_M = 1.5, 0.2
 """What is smaller is a person's; another's returns begin this much beyond it."""
 ENDS = 6
@@ -33,16 +35,19 @@ BESIDE_M = 1.2
 """A track goes on with a cluster this near to where its velocity carries it."""
 
 
-@dataclass
 class Chain:
     """Clusters of one thing in order of time, with the filter's state (4,) and covariance (4, 4): x, y, and their speeds."""
 
-    clusters: list[Cluster]
-    state: FloatArray
-    covariance: FloatArray
-    time_s: float
-    size_m: float = 0.0
-    missed: list[float] = field(default_factory=list)
+    def __init__(self, first: Cluster) -> None:
+        self.clusters: list[Cluster] = []
+        self.state, self.time_s, self.size_m = np.array([*first.middle, 0.0, 0.0]), first.middle_s, 0.0
+        self.covariance: FloatArray = np.diag([NOISE_M**2] * 2 + [FIRST_SPEED**2] * 2)
+        self.add(first)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether it has been seen often enough to be a track."""
+        return len(self.clusters) >= FEWEST
 
     def predict(self, time_s: float) -> None:
         """Carry the state on to ``time_s``."""
@@ -58,23 +63,15 @@ class Chain:
         gain = self.covariance[:, :2] @ np.linalg.inv(self.covariance[:2, :2] + np.eye(2) * NOISE_M**2)
         self.state = self.state + gain @ (cluster.middle - self.state[:2])
         self.covariance = self.covariance - gain @ self.covariance[:2]
-        self.size_m = max(self.size_m, float(np.linalg.norm(np.ptp(cluster.points[:, :2], 0))))
+        self.size_m = max(self.size_m, cluster.size_m)
         self.clusters.append(cluster)
-
-
-def _begin(cluster: Cluster) -> Chain:
-    covariance = np.diag([NOISE_M**2] * 2 + [FIRST_SPEED**2] * 2)
-    chain = Chain([], np.array([*cluster.middle, 0.0, 0.0]), covariance, cluster.middle_s)
-    chain.add(cluster)
-    return chain
 
 
 def associate(sweeps: Iterable[Sequence[Cluster]]) -> list[list[Cluster]]:
     """Return tracks of at least `FEWEST` clusters, in order of time, from the clusters of sweeps in order of time."""
     from scipy.optimize import linear_sum_assignment
 
-    active: list[Chain] = []
-    finished: list[Chain] = []
+    chains: list[Chain] = []
     weak: list[Cluster] = []
     for every in sweeps:
         weak += [cluster for cluster in every if cluster.is_weak]
@@ -82,36 +79,35 @@ def associate(sweeps: Iterable[Sequence[Cluster]]) -> list[list[Cluster]]:
         if not clusters:
             continue
         middle_s = float(np.mean([cluster.middle_s for cluster in clusters]))
-        finished += [chain for chain in active if middle_s - chain.clusters[-1].middle_s > COAST_S]
-        active = [chain for chain in active if middle_s - chain.clusters[-1].middle_s <= COAST_S]
+        active = [chain for chain in chains if middle_s - chain.clusters[-1].middle_s <= COAST_S]
         for chain in active:
             chain.predict(middle_s)
-        groups = _joined(active, _parted(active, clusters))
-        taken = set()
-        if active:
-            cost = np.array([[_cost(chain, group) for group in groups] for chain in active])
-            for row, column in zip(*linear_sum_assignment(np.minimum(cost, 1e3)), strict=True):
-                if cost[row, column] < 1e3:
-                    active[row].predict(groups[column].middle_s)
-                    active[row].add(groups[column])
-                    taken.add(column)
-        active += [_begin(group) for number, group in enumerate(groups) if number not in taken]
-    chains = [chain.clusters for chain in (*finished, *active) if len(chain.clusters) >= FEWEST]
-    chains = _stitched(sorted(chains, key=lambda clusters: clusters[0].middle_s))
-    return [_prolonged(_prolonged(chain, weak, 1), weak, -1) for chain in chains]
+        known = [chain for chain in active if chain.is_known]
+        groups = _joined(known, _parted(known, clusters))
+        cost = np.array([[_cost(chain, group) for group in groups] for chain in active]).reshape(-1, len(groups))
+        pairs = zip(*linear_sum_assignment(np.minimum(cost, FAR)), strict=True)
+        taken = {column: active[row] for row, column in pairs if cost[row, column] < FAR}
+        for number, group in enumerate(groups):
+            if number in taken:
+                taken[number].predict(group.middle_s)
+                taken[number].add(group)
+            else:
+                chains.append(Chain(group))
+    tracks = sorted((chain.clusters for chain in chains if chain.is_known), key=lambda track: track[0].middle_s)
+    return [_prolonged(_prolonged(track, weak, 1), weak, -1) for track in _stitched(tracks)]
 
 
 def _prolonged(chain: list[Cluster], weak: Sequence[Cluster], side: int) -> list[Cluster]:
     """Return clusters of one thing with the ``weak`` ones where it goes on after (``side`` 1) or before (-1) them."""
     weak = sorted(weak, key=lambda cluster: side * cluster.middle_s)
-    size = max(float(np.linalg.norm(np.ptp(cluster.points[:, :2], 0))) for cluster in chain)
+    size = max(cluster.size_m for cluster in chain)
     for cluster in weak:
         later_s = side * (cluster.middle_s - chain[-1 if side > 0 else 0].middle_s)
         if not 0.02 < later_s < COAST_S:
             continue
         time_s, at, velocity = _line(chain[-ENDS:] if side > 0 else chain[:ENDS])
         away = np.linalg.norm(cluster.middle - at - velocity * (cluster.middle_s - time_s))
-        if away < BESIDE_M and np.linalg.norm(np.ptp(cluster.points[:, :2], 0)) < size + SLACK_M:
+        if away < BESIDE_M and cluster.size_m < size + SLACK_M:
             chain = [*chain, cluster] if side > 0 else [cluster, *chain]
     return chain
 
@@ -121,21 +117,19 @@ def _cost(chain: Chain, cluster: Cluster) -> float:
     spread = chain.covariance[:2, :2] + np.eye(2) * NOISE_M**2
     distance = float(np.sqrt(away @ np.linalg.solve(spread, away)))
     if distance > GATE or np.linalg.norm(away) > 6.0:
-        return 1e6
-    size = float(np.linalg.norm(np.ptp(cluster.points[:, :2], 0)))
-    return distance + SIZE_WEIGHT * abs(np.log((size + 0.5) / (chain.size_m + 0.5)))
+        return 2 * FAR
+    return distance + SIZE_WEIGHT * abs(np.log((cluster.size_m + 0.5) / (chain.size_m + 0.5)))
 
 
 def _parted(chains: Sequence[Chain], clusters: Sequence[Cluster]) -> list[Cluster]:
-    """Return the clusters, and apart from their surroundings those in which somebody is whose track is known well."""
+    """Return the clusters, and apart from their surroundings those in which somebody is who has a track."""
     parts = list(clusters)
     for chain in chains:
-        if len(chain.clusters) < FEWEST or chain.size_m >= NARROW_M:
+        if chain.size_m >= NARROW_M:
             continue
         for number, cluster in enumerate(parts):
             own = np.linalg.norm(cluster.points[:, :2] - chain.state[:2], axis=1) < (chain.size_m + AROUND_M) / 2
-            size = float(np.linalg.norm(np.ptp(cluster.points[:, :2], 0)))
-            if own.sum() >= LEAST_RETURNS and (~own).sum() >= LEAST_RETURNS and size > chain.size_m + SLACK_M:
+            if min(own.sum(), (~own).sum()) >= LEAST_RETURNS and cluster.size_m > chain.size_m + SLACK_M:
                 parts[number : number + 1] = [
                     replace(cluster, points=cluster.points[some], time_s=cluster.time_s[some]) for some in (own, ~own)
                 ]
@@ -144,22 +138,18 @@ def _parted(chains: Sequence[Chain], clusters: Sequence[Cluster]) -> list[Cluste
 
 
 def _joined(chains: Sequence[Chain], clusters: Sequence[Cluster]) -> list[Cluster]:
-    """Return the clusters, with those joined that lie in the place of one track that is known well."""
-    groups = [[number] for number in range(len(clusters))]
+    """Return the clusters, with those joined that lie in the place of one track."""
     middles = np.array([cluster.middle for cluster in clusters])
-    free = set(range(len(clusters)))
-    joined = []
+    is_free, joined = np.ones(len(clusters), bool), []
     for chain in chains:
-        if len(chain.clusters) < FEWEST or chain.size_m < NARROW_M:
-            continue
         near = np.linalg.norm(middles - chain.state[:2], axis=1) < chain.size_m / 2
-        inside = [number for number in np.flatnonzero(near).tolist() if number in free]
-        if len(inside) > 1:
+        inside = np.flatnonzero(near & is_free)
+        if chain.size_m >= NARROW_M and len(inside) > 1:
             whole = merged([clusters[number] for number in inside])
-            if np.linalg.norm(np.ptp(whole.points[:, :2], 0)) < chain.size_m + SLACK_M:
+            if whole.size_m < chain.size_m + SLACK_M:
                 joined.append(whole)
-                free -= set(inside)
-    return joined + [merged([clusters[number] for number in group]) for group in groups if group[0] in free]
+                is_free[inside] = False
+    return joined + [cluster for cluster, free in zip(clusters, is_free, strict=True) if free]
 
 
 def _line(clusters: Sequence[Cluster]) -> tuple[float, FloatArray, FloatArray]:
@@ -178,19 +168,18 @@ def _stitched(chains: list[list[Cluster]]) -> list[list[Cluster]]:
         time_b, at_b, speed_b = _line(chain[:ENDS])
         for number, other in enumerate(joined):
             gap = chain[0].middle_s - other[-1].middle_s
-            if not 0 < gap < STITCH_S:
+            if not -OVERLAP_S < gap < STITCH_S:
                 continue
             time_a, at_a, speed_a = _line(other[-ENDS:])
             middle_s = (chain[0].middle_s + other[-1].middle_s) / 2
             away = float(np.linalg.norm(at_a + speed_a * (middle_s - time_a) - at_b - speed_b * (middle_s - time_b)))
-            if (
-                away < STITCH_M + STITCH_GROWTH * gap
-                and np.linalg.norm(speed_a - speed_b) < STITCH_SPEED
-                and away < best
-            ):
+            overlaps = gap <= 0
+            limit = OVERLAP_M if overlaps else STITCH_M + STITCH_GROWTH * gap
+            most = OVERLAP_SPEED if overlaps else STITCH_SPEED
+            if away < min(best, limit) and np.linalg.norm(speed_a - speed_b) < most:
                 best, where = away, number
         if where < 0:
             joined.append(chain)
         else:
-            joined[where] = joined[where] + chain
+            joined[where] += [cluster for cluster in chain if cluster.middle_s > joined[where][-1].middle_s]
     return joined

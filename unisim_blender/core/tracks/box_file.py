@@ -10,9 +10,10 @@ import json
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ import numpy as np
 from ..data.log import Log, extras_of
 from ..errors import LogError, short
 from ..files import write_file
-from ..geometry import FloatArray, Trajectory, TrajectoryError, spread_indices
+from ..geometry import FloatArray, Trajectory, TrajectoryError, make_pose, spread_indices
 from ..json_file import Node, read_json
 from ..scenario.json_schema import NUMBER, POSITIVE, TEXT, Schema, members_of, numbers
 from ..world.box_tracks import HALF_FRAME_S, TrackedBoxes, actor_of_boxes, actors_of_boxes
@@ -43,7 +44,7 @@ class Track:
     """An actor and where it comes from. ``certainty``: 0..1, that there is such an actor; ``source``: what saw it, as
     "lidar"; ``returns``: of sweeps inside its box, 0 where they are not counted, over ``sweeps``; ``drawn_s``: the times
     of its keys, seconds, that a person set; ``unsure``: times and certainty where following it was doubtful;
-    ``dismissed``: kinds and times of doubtful places that a person looked at."""
+    ``dismissed``: times and kinds of doubtful places that a person looked at."""
 
     actor: Actor
     certainty: float = 1.0
@@ -52,11 +53,11 @@ class Track:
     sweeps: int = 0
     drawn_s: tuple[float, ...] = ()
     unsure: tuple[tuple[float, float], ...] = ()
-    dismissed: tuple[tuple[str, float], ...] = ()
+    dismissed: tuple[tuple[float, str], ...] = ()
 
 
-NOTED = {"drawn_s": 0, "unsure": 0, "dismissed": 1}
-"""What is noted at times of a track, and where in it the time stands."""
+NOTES = ("drawn_s", "unsure", "dismissed")
+"""What is noted at times of a track: these, or tuples that begin with them."""
 LEAST_PATH_M = 0.5
 """A track of several moves where it gets further from its first place."""
 
@@ -66,15 +67,14 @@ def joined(first: Track, others: Sequence[Track]) -> Track:
     order = [first, *sorted(others, key=lambda track: -track.certainty)]
     keys: dict[float, FloatArray] = {}
     spans: list[tuple[float, float]] = []
-    for track in order:
-        actor, path = track.actor, track.actor.world_from_actor
-        ends = np.nan_to_num([actor.start_s, actor.end_s], posinf=1e6, neginf=-1e6).tolist()
+    actors = [track.actor for track in order]
+    for actor in actors:
+        path, ends = actor.world_from_actor, np.clip([actor.start_s, actor.end_s], -1e6, 1e6).tolist()
         for time in path.times_list if actor.is_moving else ends:
             if not any(low <= time <= high for low, high in spans):
                 keys[time] = path.at(time)
         spans.append((ends[0], ends[1]))
-    times, actors = sorted(keys), [track.actor for track in order]
-    path = Trajectory.from_poses(np.array(times), np.array([keys[time] for time in times]))
+    path = Trajectory.from_poses(np.array(sorted(keys)), np.array([keys[time] for time in sorted(keys)]))
     is_moving = bool(np.linalg.norm(path.positions[:, :2] - path.positions[0, :2], axis=1).max() > LEAST_PATH_M)
     actor = replace(
         first.actor,
@@ -83,7 +83,7 @@ def joined(first: Track, others: Sequence[Track]) -> Track:
         end_s=max(one.end_s for one in actors),
         is_moving=is_moving,
     )
-    noted: dict[str, Any] = {name: tuple(sorted({at for t in order for at in getattr(t, name)})) for name in NOTED}
+    noted: dict[str, Any] = {name: tuple(sorted({at for t in order for at in getattr(t, name)})) for name in NOTES}
     counts = {name: sum(getattr(track, name) for track in order) for name in ("returns", "sweeps")}
     return replace(first, actor=actor, certainty=max(track.certainty for track in order), **counts, **noted)
 
@@ -93,26 +93,27 @@ def halves(track: Track, time_s: float, uid: str) -> tuple[Track, Track]:
     actor, path = track.actor, track.actor.world_from_actor
     parts = []
     for name, late, start, end in ((actor.uid, False, actor.start_s, time_s - 1e-3), (uid, True, time_s, actor.end_s)):
-        own = path
-        if actor.is_moving:
-            times = path.times_s[(path.times_s >= time_s) == late]
-            own = path if not len(times) else Trajectory.from_poses(times, path.at(times))
-        is_moving = len(own.times_s) > 1
-        part = replace(
-            actor,
-            uid=name,
-            world_from_actor=own,
-            start_s=start,
-            end_s=end,
-            is_moving=is_moving,
-            appearance=Appearance(name),
-        )
+        times = path.times_s[(path.times_s >= time_s) == late]
+        own = Trajectory.from_poses(times, path.at(times)) if actor.is_moving and len(times) else path
+        part = replace(actor, uid=name, appearance=Appearance(name), start_s=start, end_s=end)
+        part = replace(part, world_from_actor=own, is_moving=len(own.times_s) > 1)
         noted: dict[str, Any] = {
-            key: tuple(at for at in getattr(track, key) if start <= (at if key == "drawn_s" else at[place]) <= end)
-            for key, place in NOTED.items()
+            note: tuple(at for at in getattr(track, note) if start <= (at[0] if isinstance(at, tuple) else at) <= end)
+            for note in NOTES
         }
         parts.append(replace(track, actor=part, **noted))
     return parts[0], parts[1]
+
+
+def common_times(a: Actor, b: Actor, least_s: float) -> FloatArray:
+    """Return some times (9,) at which two actors are both there; (0,) where that lasts less than ``least_s``."""
+    start, end = max(a.start_s, b.start_s), min(a.end_s, b.end_s)
+    return np.linspace(start, end, 9 if end - start >= max(least_s, 0.0) else 0)
+
+
+def unused_uid(uid: str, taken: Container[str]) -> str:
+    """Return an id, with a number where it is taken."""
+    return next(name for name in chain([uid], (f"{uid}-{number}" for number in count(2))) if name not in taken)
 
 
 @dataclass(frozen=True)
@@ -148,6 +149,34 @@ def default_path(log: Path) -> Path:
 _TIMES: Schema = {"type": "array", "items": NUMBER, "minItems": 1}
 _COUNT: Schema = {"type": "integer", "minimum": 0}
 _BOUND: Schema = {"type": ["number", "null"]}
+_MARK = members_of({"kind": TEXT, "time_s": NUMBER}, ("kind", "time_s"))
+
+
+def _certainty(node: Node) -> float:
+    if not 0 <= (value := node.number()) <= 1:
+        node.fail(f"must be in 0..1, not {value}")
+    return value
+
+
+_ABOUT: dict[str, tuple[Schema, Callable[[Node], Any]]] = {
+    "certainty": ({"type": "number", "minimum": 0, "maximum": 1}, _certainty),
+    "source": ({"type": "string"}, Node.text),
+    "returns": (_COUNT, lambda node: node.integer(at_least=0)),
+    "sweeps": (_COUNT, lambda node: node.integer(at_least=0)),
+    "drawn_s": (
+        {"type": "array", "items": NUMBER, "description": "Times of keys that a person set."},
+        lambda node: tuple(node.array(-1).tolist()),
+    ),
+    "unsure": (
+        {"type": "array", "items": numbers(2), "description": "Times, and how certain the box is there."},
+        lambda node: tuple(map(tuple, node.array(-1, 2).tolist())),
+    ),
+    "dismissed": (
+        {"type": "array", "items": _MARK, "description": "Doubtful places that a person looked at."},
+        lambda node: tuple((at.key("time_s").number(), at.key("kind").text()) for at in node.elements()),
+    ),
+}
+"""Members of a track that may be missing, as fields of `Track`: their schemas, and functions that read them."""
 
 
 def boxes_schema() -> dict[str, Any]:
@@ -170,17 +199,7 @@ def boxes_schema() -> dict[str, Any]:
                 "type": "boolean",
                 "description": "Where it is missing, told by how far the positions lie apart.",
             },
-            "certainty": {"type": "number", "minimum": 0, "maximum": 1},
-            "source": {"type": "string"},
-            "returns": _COUNT,
-            "sweeps": _COUNT,
-            "drawn_s": {"type": "array", "items": NUMBER, "description": "Times of keys that a person set."},
-            "unsure": {"type": "array", "items": numbers(2), "description": "Times, and how certain the box is there."},
-            "dismissed": {
-                "type": "array",
-                "items": members_of({"kind": TEXT, "time_s": NUMBER}, ("kind", "time_s")),
-                "description": "Doubtful places that a person looked at.",
-            },
+            **{name: schema for name, (schema, _) in _ABOUT.items()},
         },
         ("id", "class", "size_m", "times_s", "positions", "quaternions_wxyz"),
     )
@@ -248,7 +267,7 @@ def track_to_json(track: Track) -> dict[str, Any]:
         "quaternions_wxyz": path.quaternions_wxyz.tolist(),
         **({"drawn_s": list(track.drawn_s)} if track.drawn_s else {}),
         **({"unsure": [list(at) for at in track.unsure]} if track.unsure else {}),
-        **({"dismissed": [{"kind": k, "time_s": t} for k, t in track.dismissed]} if track.dismissed else {}),
+        **({"dismissed": [{"kind": kind, "time_s": at} for at, kind in track.dismissed]} if track.dismissed else {}),
     }
 
 
@@ -260,7 +279,10 @@ def read_boxes(path: Path) -> BoxFile:
         root.key("format").fail(f'must be "{FORMAT}", not {short(root.value["format"])}')
     if (version := root.key("version").integer()) != VERSION:
         root.key("version").fail(f"is {version}; this program reads {VERSION}")
-    there, tracks = root.object(), {}
+    there, tracks, ego = root.object(), {}, None
+    if "ego" in there:
+        times = root.key("ego").key("times_s").array(-1)
+        ego = times, root.key("ego").key("positions").array(len(times), 3)
     for node in root.key("tracks").elements():
         track = _track(node)
         if track.actor.uid in tracks:
@@ -272,7 +294,7 @@ def read_boxes(path: Path) -> BoxFile:
         root.key("source").text() if "source" in there else "",
         path.parent / root.key("log").text() if "log" in there else None,
         root.key("world_origin").array(3) if "world_origin" in there else None,
-        _ego(root.key("ego")) if "ego" in there else None,
+        ego,
     )
 
 
@@ -280,11 +302,6 @@ def _check_members(node: Node, schema: Schema) -> None:
     for name in node.object():
         if name not in schema["properties"]:
             node.fail(f"has a member {short(name)}, which is none of {', '.join(schema['properties'])}")
-
-
-def _ego(node: Node) -> tuple[FloatArray, FloatArray]:
-    times = node.key("times_s").array(-1)
-    return times, node.key("positions").array(len(times), 3)
 
 
 def track_from_json(value: Any, place: str) -> Track:
@@ -313,21 +330,7 @@ def _track(node: Node) -> Track:
         actor = Actor(uid, label, size_m, path, start_s, end_s, node.key("moves").flag(), Appearance(uid))
     else:
         actor = actor_of_boxes(uid, label, size_m, times, path.positions, path.quaternions_wxyz, (start_s, end_s))
-    certainty = node.key("certainty").number() if "certainty" in there else 1.0
-    if not 0 <= certainty <= 1:
-        node.key("certainty").fail(f"must be in 0..1, not {certainty}")
-    return Track(
-        actor,
-        certainty,
-        node.key("source").text() if "source" in there else "",
-        node.key("returns").integer(at_least=0) if "returns" in there else 0,
-        node.key("sweeps").integer(at_least=0) if "sweeps" in there else 0,
-        tuple(node.key("drawn_s").array(-1).tolist()) if "drawn_s" in there else (),
-        tuple(map(tuple, node.key("unsure").array(-1, 2).tolist())) if "unsure" in there else (),
-        tuple((at.key("kind").text(), at.key("time_s").number()) for at in node.key("dismissed").elements())
-        if "dismissed" in there
-        else (),
-    )
+    return Track(actor, **{name: read(node.key(name)) for name, (_, read) in _ABOUT.items() if name in there})
 
 
 def _text(node: Node) -> str:
@@ -397,16 +400,20 @@ def in_world_of(boxes: BoxFile, drive: Drive) -> BoxFile:
     boxes = replace(boxes, world_origin=drive.world_origin)
     if not shift.any():
         return boxes
-    moved = np.eye(4)
-    moved[:3, 3] = shift
-
-    def track(own: Track) -> Track:
-        return replace(
-            own, actor=replace(own.actor, world_from_actor=own.actor.world_from_actor.transformed(left=moved))
-        )
-
     ego = None if boxes.ego is None else (boxes.ego[0], boxes.ego[1] + shift)
-    return replace(boxes, tracks=tuple(map(track, boxes.tracks)), ego=ego)
+    return replace(boxes, tracks=moved(boxes.tracks, lambda times: make_pose(shift, np.array([1.0, 0, 0, 0]))), ego=ego)
+
+
+def moved(tracks: Sequence[Track], motion: Callable[[FloatArray], FloatArray]) -> tuple[Track, ...]:
+    """Return tracks in another world, to which ``motion`` takes those of this one: from times (T,) to poses (..., 4, 4).
+    What stands moves as in the middle of its time."""
+
+    def actor(own: Actor) -> Actor:
+        path = own.world_from_actor
+        times = path.times_s if own.is_moving else np.array([(own.start_s + own.end_s) / 2])
+        return replace(own, world_from_actor=path.transformed(left=motion(times)))
+
+    return tuple(replace(track, actor=actor(track.actor)) for track in tracks)
 
 
 def _check_same_drive(boxes: BoxFile, drive: Drive, shift: FloatArray) -> None:

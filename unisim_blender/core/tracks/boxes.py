@@ -25,14 +25,20 @@ def closest_heading(xy: FloatArray) -> float:
     return float(angles[(1 / np.maximum(depth, NEAREST_M * 2)).sum(0).argmax()])
 
 
-def extent(values: FloatArray) -> tuple[float, float]:
-    """Return the ends of values (N,) without the outermost `TRIM` of them."""
-    low, high = np.quantile(values, [TRIM, 1 - TRIM]) if len(values) > 20 else (values.min(), values.max())
-    return float(low), float(high)
+def extent(values: FloatArray) -> FloatArray:
+    """Return the lowest and highest (2, D) of values (N, D) without the outermost `TRIM` of them."""
+    return np.quantile(values, [TRIM, 1 - TRIM] if len(values) > 20 else [0.0, 1.0], axis=0)
 
 
-def completed(low: float, high: float, usual: float, viewed: float) -> tuple[float, float]:
-    """Return the ends of a box of which returns reach from ``low`` to ``high``, and no less than ``usual`` long: it goes
-    on where it is not seen. ``viewed``: the part of the views, from -1, all from the low end, to 1, from the high end."""
-    lacks = max(usual - (high - low), 0.0)
-    return low - lacks * (1 + viewed) / 2, high + lacks * (1 - viewed) / 2
+def viewed_from(ends: FloatArray, usual: FloatArray, origins: FloatArray) -> FloatArray:
+    """Return from where views (N, D) see a box whose returns reach from and to ``ends`` (2, D), and that is no shorter than
+    ``usual`` (D,): (D,) from -1, all from the low end, to 1, from the high end."""
+    length = np.maximum(np.ptp(ends, 0), usual)
+    return np.asarray(np.clip((origins - ends.mean(0)) / length, -1, 1).mean(0))
+
+
+def completed(ends: FloatArray, usual: FloatArray, viewed: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return middle (D,) and edges (D,) of a box of which returns reach from and to ``ends`` (2, D), and no less than
+    ``usual`` (D,) long: it goes on where it is not seen. ``viewed``: see `viewed_from`."""
+    lacks = np.maximum(usual - np.ptp(ends, 0), 0.0)
+    return ends.mean(0) - lacks * viewed / 2, np.ptp(ends, 0) + lacks

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,21 +37,24 @@ class Cluster:
     origin: FloatArray
     is_weak: bool = False
 
-    @property
+    @cached_property
     def middle_s(self) -> float:
         """Mean time of the returns."""
         return float(self.time_s.mean())
 
-    @property
+    @cached_property
     def middle(self) -> FloatArray:
         """Middle (2,) of the rectangle around the returns, along the world's axes."""
         return np.asarray((self.points[:, :2].min(0) + self.points[:, :2].max(0)) / 2)
 
+    @cached_property
+    def size_m(self) -> float:
+        """Diagonal of that rectangle, metres."""
+        return float(np.linalg.norm(np.ptp(self.points[:, :2], 0)))
+
 
 def merged(clusters: Sequence[Cluster]) -> Cluster:
     """Return several clusters of one sweep as one."""
-    if len(clusters) == 1:
-        return clusters[0]
     points, time_s = (np.concatenate([getattr(cluster, name) for cluster in clusters]) for name in ("points", "time_s"))
     return Cluster(points, time_s, np.mean([cluster.origin for cluster in clusters], 0))
 
@@ -72,8 +76,8 @@ def moving_clusters(
     moving, stays = left_or_entered(points, images, chosen)
     other = np.flatnonzero(~stays)
     clusters = []
-    label = _labels(points[other, :2])
-    for members in _groups(label):
+    xy = points[other, :2]
+    for members in connected(np.floor((xy - xy.min(0, initial=np.inf)) / CELL_M).astype(np.int64)):
         at = other[members]
         size = np.ptp(points[at, :2], 0)
         is_weak = bool(moving[at].mean() < MOVING)
@@ -82,18 +86,15 @@ def moving_clusters(
     return clusters, points[~moving]
 
 
-def _labels(xy: FloatArray) -> NDArray[np.int64]:
-    """Return numbers (N,) from 1 of connected cells that points (N, 2) lie in."""
-    if not len(xy):
-        return np.zeros(0, np.int64)
+def connected(cell: NDArray[np.int64], corners: bool = True) -> list[NDArray[np.int64]]:
+    """Return the rows of cells (N, 2) of each group that touch, by their edges or also by their ``corners``."""
+    if not len(cell):
+        return []
     from scipy import ndimage
 
-    cell = np.floor((xy - xy.min(0)) / CELL_M).astype(np.int64)
-    grid = np.zeros(cell.max(0) + 1, np.bool_)
-    grid[tuple(cell.T)] = True
-    return np.asarray(ndimage.label(grid, np.ones((3, 3)))[0][tuple(cell.T)])
-
-
-def _groups(label: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    at = tuple((cell - cell.min(0)).T)
+    grid = np.zeros(np.ptp(cell, 0) + 1, np.bool_)
+    grid[at] = True
+    label = ndimage.label(grid, np.ones((3, 3)) if corners else None)[0][at]
     order = np.argsort(label, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(label[order])) + 1) if len(label) else []
+    return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import count
 from typing import Protocol
 
 import numpy as np
@@ -33,7 +32,7 @@ from ..registry import Registry
 from ..world.box_tracks import CLOSEST_KEYS_S, HALF_FRAME_S, TrackedBoxes, actor_of_boxes, passing_times
 from ..world.drive import Actor, Appearance
 from .associate import associate
-from .box_file import Track
+from .box_file import Track, common_times, unused_uid
 from .clusters import Cluster
 from .register import smoothed
 
@@ -166,7 +165,7 @@ def _track(boxes: TrackedBoxes, score: FloatArray, rows: NDArray[np.int64], numb
     votes: dict[str, float] = defaultdict(float)
     for row in rows:
         votes[str(boxes.label[row])] += float(score[row])
-    label = max(votes, key=lambda name: votes[name])
+    label = max(votes, key=votes.__getitem__)
     uid = f"{label.lower()}-{number:03d}"
     times, poses, certainty = boxes.key_s[rows], boxes.poses[rows], float(score[rows].mean())
     present_s = float(times[0]) - HALF_FRAME_S, float(times[-1]) + HALF_FRAME_S
@@ -194,30 +193,18 @@ def fused(found: Sequence[Track], detected: Sequence[Track]) -> tuple[Track, ...
             source = " and ".join(filter(None, (track.source, other.source)))
             track = replace(track, actor=_continued(track.actor, other.actor), certainty=certainty, source=source)
         tracks.append(track)
-    taken = {track.actor.uid for track in tracks}
     for other in left:
-        uid = next(name for name in _names(other.actor.uid) if name not in taken)
-        taken.add(uid)
+        uid = unused_uid(other.actor.uid, {track.actor.uid for track in tracks})
         tracks.append(replace(other, actor=replace(other.actor, uid=uid, appearance=Appearance(uid))))
     return tuple(tracks)
 
 
-def _names(uid: str) -> Iterator[str]:
-    yield uid
-    for number in count(2):
-        yield f"{uid}-{number}"
-
-
 def _is_same(a: Actor, b: Actor) -> bool:
     """Return whether two actors are in one place while both are there, which is half of the shorter's time or more."""
-    start, end = max(a.start_s, b.start_s), min(a.end_s, b.end_s)
-    if end <= start or end - start < 0.5 * min(a.end_s - a.start_s, b.end_s - b.start_s):
-        return False
-    times = np.linspace(start, end, 9)
-    away = np.linalg.norm(
-        (a.world_from_actor.positions_at(times) - b.world_from_actor.positions_at(times))[:, :2], axis=1
-    )
-    return float(np.median(away)) < max(SAME_M, SAME_PART * max(a.size_m[0], b.size_m[0]))
+    times = common_times(a, b, min(a.end_s - a.start_s, b.end_s - b.start_s) / 2)
+    places = [actor.world_from_actor.positions_at(times)[:, :2] for actor in (a, b)]
+    away = np.linalg.norm(places[0] - places[1], axis=1)
+    return bool(len(times)) and float(np.median(away)) < max(SAME_M, SAME_PART * max(a.size_m[0], b.size_m[0]))
 
 
 def _continued(own: Actor, other: Actor) -> Actor:

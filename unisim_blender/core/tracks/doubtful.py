@@ -54,7 +54,7 @@ def doubtful_places(tracks: Sequence[Track], times_s: FloatArray) -> tuple[Doubt
 
 
 def _is_dismissed(place: DoubtfulPlace, track: Track) -> bool:
-    return any(kind == place.kind and abs(time - place.time_s) < NEAR_S for kind, time in track.dismissed)
+    return any(kind == place.kind and abs(time - place.time_s) < NEAR_S for time, kind in track.dismissed)
 
 
 def _of_track(track: Track) -> list[DoubtfulPlace]:
@@ -74,22 +74,21 @@ def _of_track(track: Track) -> list[DoubtfulPlace]:
     speed, middle = np.linalg.norm(velocity[:, :2], axis=1), (times[1:] + times[:-1]) / 2
     share = dt[:-1] / (dt[:-1] + dt[1:])
     off = np.linalg.norm(at[1:-1] - (at[:-2] + share[:, None] * (at[2:] - at[:-2])), axis=1)
-    limit = JUMP_M + 2.0 * dt[:-1] * dt[1:]  # what braking and turning explain
-    places += _merged(uid, "jump", times[1:-1][off > limit], off[off > limit])
-    gaps = dt > GAP * np.median(dt)
-    places += _merged(uid, "gap", middle[gaps], dt[gaps])
-    fast = speed > FASTEST_M_S[kind]
-    places += _merged(uid, "speed", middle[fast], speed[fast])
+    kinds = [
+        ("jump", times[1:-1], off, JUMP_M + 2.0 * dt[:-1] * dt[1:]),  # braking and turning explain some
+        ("gap", middle, dt, GAP * np.median(dt)),
+        ("speed", middle, speed, FASTEST_M_S[kind]),
+    ]
     if kind == "rigid":
-        x, y = path.poses[:, 0, 0], path.poses[:, 1, 0]
-        heading = np.unwrap(np.arctan2(y, x))
-        rate = np.abs(np.diff(heading)) / dt
-        fast = rate > TURNING_RAD_S
-        places += _merged(uid, "turn", middle[fast], rate[fast])
+        heading = np.unwrap(np.arctan2(path.poses[:, 1, 0], path.poses[:, 0, 0]))
         angle = np.arctan2(velocity[:, 1], velocity[:, 0]) - (heading[1:] + heading[:-1]) / 2
         angle = np.abs((angle + np.pi / 2) % np.pi - np.pi / 2)  # backwards is none
-        aside = (angle > SIDEWAYS) & (speed > 2.0)
-        places += _merged(uid, "sideways", middle[aside], angle[aside])
+        kinds.append(("turn", middle, np.abs(np.diff(heading)) / dt, TURNING_RAD_S))
+        kinds.append(("sideways", middle, np.where(speed > 2.0, angle, 0.0), SIDEWAYS))
+    for name, at_s, values, limit in kinds:
+        rows = np.flatnonzero(values > limit)
+        worst = rows[worst_of_runs(at_s[rows], values[rows])]
+        places += [DoubtfulPlace(uid, float(at_s[row]), name, float(values[row])) for row in worst]
     return places
 
 
@@ -97,10 +96,6 @@ def worst_of_runs(times: FloatArray, badness: FloatArray) -> list[int]:
     """Return the number of the worst place of each run of places."""
     runs = np.split(np.arange(len(times)), np.flatnonzero(np.diff(times) > NEAR_S) + 1) if len(times) else []
     return [int(run[badness[run].argmax()]) for run in runs]
-
-
-def _merged(uid: str, kind: str, times: FloatArray, values: FloatArray) -> list[DoubtfulPlace]:
-    return [DoubtfulPlace(uid, float(times[n]), kind, float(values[n])) for n in worst_of_runs(times, values)]
 
 
 def _overlaps(actors: Sequence[Actor], times_s: FloatArray) -> list[DoubtfulPlace]:

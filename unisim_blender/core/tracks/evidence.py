@@ -14,8 +14,8 @@ from zipfile import BadZipFile
 import numpy as np
 
 from ..data.log import Log
-from ..errors import LogError, OutputError
-from ..files import write_file
+from ..errors import LogError
+from ..files import write_cached
 from ..geometry import FloatArray
 from ..poses.posed import cached_file
 from .clusters import Cluster, moving_clusters
@@ -24,10 +24,12 @@ from .ground import GroundBuilder, GroundHeights
 from .scans import read_scan, scans_of
 from .standing import StandingMap
 
-VERSION = 4
+VERSION = 5
 """Counted on whenever a stage here changes: what an older program cached is made anew."""
 SearchProgress = Callable[[str, float], object]
-"""Called with the name of a stage and the fraction of it that is done; what it raises cancels the search."""
+"""Called with the name of a stage and the fraction of the whole that is done; what it raises cancels the search."""
+SHARES = {"ground": (0.0, 0.3), "clusters": (0.3, 0.7), "registration": (0.7, 0.95), "standing": (0.95, 1.0)}
+"""Fractions of the whole at which stages begin and end, by the time that they take."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ def evidence_of(log: Log, progress: SearchProgress = lambda stage, done: None) -
         scan = read_scan(log, ref)
         builder.add(scan.points)
         images[number] = range_image(scan)
-        progress("ground", (number + 1) / len(refs))
+        tell("ground", (number + 1) / len(refs), progress)
     ground, stays, sweeps = builder.ground(), StandingMap(), []
     for number, ref in enumerate(refs):
         scan = read_scan(log, ref)
@@ -68,14 +70,22 @@ def evidence_of(log: Log, progress: SearchProgress = lambda stage, done: None) -
         sweeps.append(tuple(clusters))
         if len(standing):
             stays.add(standing, np.median(scan.origins, 0), ref.time_s)
-        progress("clusters", (number + 1) / len(refs))
+        tell("clusters", (number + 1) / len(refs), progress)
     evidence = Evidence(ground, tuple(sweeps), stays, np.array([ref.time_s for ref in refs]))
     _write(cached, evidence)
     return evidence
 
 
+def tell(stage: str, done: float, progress: SearchProgress) -> None:
+    """Tell ``progress`` that the fraction ``done`` of a stage is."""
+    begin, end = SHARES[stage]
+    progress(stage, begin + done * (end - begin))
+
+
 def _write(path: Path, evidence: Evidence) -> None:
-    clusters = [cluster for sweep in evidence.clusters for cluster in sweep]
+    clusters = [(number, cluster) for number, sweep in enumerate(evidence.clusters) for cluster in sweep]
+    about = [(number, cluster.is_weak, *cluster.origin, len(cluster.points)) for number, cluster in clusters]
+    returns = [np.column_stack([cluster.points, cluster.time_s]) for _, cluster in clusters]
     keys, values = evidence.stays.content()
     file = io.BytesIO()
     np.savez_compressed(
@@ -83,28 +93,22 @@ def _write(path: Path, evidence: Evidence) -> None:
         corner=evidence.ground.corner,
         heights=evidence.ground.heights,
         times_s=evidence.times_s,
-        in_sweep=np.array([len(sweep) for sweep in evidence.clusters]),
-        in_cluster=np.array([len(cluster.points) for cluster in clusters], np.int64),
-        is_weak=np.array([cluster.is_weak for cluster in clusters], bool),
-        origins=np.array([cluster.origin for cluster in clusters]).reshape(-1, 3),
-        points=np.concatenate([np.zeros((0, 3)), *(cluster.points for cluster in clusters)]),
-        time_s=np.concatenate([np.zeros(0), *(cluster.time_s for cluster in clusters)]),
+        clusters=np.array(about, float).reshape(-1, 6),
+        returns=np.concatenate([np.zeros((0, 4)), *returns]),
         keys=keys,
         values=values,
     )
-    try:
-        write_file(path, file.getvalue())
-    except OutputError:
-        pass  # a cache that cannot be written costs time and nothing else
+    write_cached(path, file.getvalue())
 
 
 def _read(path: Path) -> Evidence:
     with np.load(path) as file:
         content = dict(file)
-    ends = np.cumsum(content["in_cluster"])[:-1]
-    parts = (np.split(content[name], ends) if len(content["in_cluster"]) else [] for name in ("points", "time_s"))
-    clusters = [Cluster(*values) for values in zip(*parts, content["origins"], content["is_weak"], strict=True)]
-    last = np.cumsum(content["in_sweep"])
-    sweeps = tuple(tuple(clusters[end - count : end]) for end, count in zip(last, content["in_sweep"], strict=True))
+    sweeps: list[list[Cluster]] = [[] for _ in content["times_s"]]
+    about = content["clusters"]
+    parts = np.split(content["returns"], np.cumsum(about[:, 5]).astype(np.int64))
+    for (number, is_weak), origin, part in zip(about[:, :2], about[:, 2:5], parts, strict=False):
+        sweeps[int(number)].append(Cluster(part[:, :3], part[:, 3], origin, bool(is_weak)))
     stays = StandingMap(content["keys"], content["values"])
-    return Evidence(GroundHeights(content["corner"], content["heights"]), sweeps, stays, content["times_s"])
+    ground = GroundHeights(content["corner"], content["heights"])
+    return Evidence(ground, tuple(map(tuple, sweeps)), stays, content["times_s"])

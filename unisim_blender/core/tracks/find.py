@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..data.log import Log
-from ..geometry import UNIT_BOX_CORNERS, FloatArray, Trajectory, invert_pose, quaternion_from_yaw, transform_points
+from ..geometry import UNIT_BOX_CORNERS, FloatArray, Trajectory, invert_pose, transform_points
 from ..world.drive import Actor, Appearance, Drive
 from .associate import associate
-from .box_file import Track
+from .box_file import Track, common_times, moved
 from .boxes import closest_heading
 from .certainty import moving_features, probability
 from .clusters import Cluster
-from .evidence import Evidence, SearchProgress, evidence_of
+from .evidence import Evidence, SearchProgress, evidence_of, tell
 from .ground import GroundHeights
 from .register import PlanarPath, register, returns_of, rotated, smoothed
 from .shape import VEHICLES, shape_of, supported
@@ -61,12 +61,12 @@ def candidates(log: Log, progress: SearchProgress = lambda stage, done: None) ->
     for number, chain in enumerate(chains):
         if (found := _moving(f"{number:03d}", chain, evidence, stays)) is not None:
             moving.append(found)
-        progress("registration", (number + 1) / len(chains))
+        tell("registration", (number + 1) / len(chains), progress)
     boxes = [box for part in evidence.stays.parts(ground) if (box := standing_box(part)) is not None]
     sure = [candidate.track.actor.world_from_actor for candidate in moving if candidate.track.certainty > SURE]
     ways = _ways([log.drive.world_from_ego, *sure])
     standing = [_standing(f"{number:03d}", box, ground, ways, stays) for number, box in enumerate(boxes)]
-    progress("standing", 1.0)
+    tell("standing", 1.0, progress)
     return [*moving, *standing]
 
 
@@ -94,7 +94,7 @@ def _moving(uid: str, clusters: Sequence[Cluster], evidence: Evidence, stays: Fl
         at = returns.sweep[good]
         views = rotated(-path.yaw_rad[at], origins[at] - path.positions[at])
         shape = shape_of(local[good], views, float(np.quantile(path.speed, 0.9)))
-        path = path.shifted(shape.middle[:2])
+        path = path.shifted(shape.middle)
         length = shape.size_m[0] if shape.label in VEHICLES else 0.0
     assert shape is not None
     if _moved(path) < max(MOVED_M, MOVED * length):
@@ -155,10 +155,9 @@ def without_doubles(tracks: Sequence[Track]) -> list[Track]:
 
 def _covers(larger: Actor, smaller: Actor) -> bool:
     """Return whether ``smaller`` is near ``larger`` for most of its time, and its middle or a good part of it inside."""
-    start, end = max(larger.start_s, smaller.start_s), min(larger.end_s, smaller.end_s)
-    if end - start < 0.5 * (smaller.end_s - smaller.start_s) or start > end:
+    times = common_times(larger, smaller, (smaller.end_s - smaller.start_s) / 2)
+    if not len(times):
         return False
-    times = np.linspace(start, end, 9)
     poses, others = larger.world_from_actor.at(times), smaller.world_from_actor.at(times)
     corners = transform_points(others, UNIT_BOX_CORNERS * smaller.size_m * 0.8)
     inside = np.abs(transform_points(invert_pose(poses), corners)[..., :2]) < larger.size_m[:2] / 2
@@ -171,8 +170,7 @@ def actor_of(
     uid: str, label: str, size_m: FloatArray, path: PlanarPath, ground: GroundHeights, is_moving: bool
 ) -> Actor:
     """Return the actor on a path, which stands on the ground."""
-    positions = np.concatenate([path.positions, (ground.height(path.positions) + size_m[2] / 2)[:, None]], 1)
-    track = Trajectory(path.times_s, positions, quaternion_from_yaw(path.yaw_rad))
+    track = path.trajectory(ground.height(path.positions) + size_m[2] / 2)
     uid = f"{label.lower()}-{uid}"
     return Actor(uid, label, size_m, track, float(path.times_s[0]), float(path.times_s[-1]), is_moving, Appearance(uid))
 
@@ -182,11 +180,4 @@ def in_own_world(tracks: Sequence[Track], used: Drive, own: Drive) -> tuple[Trac
     ``used`` the drive with the poses that it was searched with."""
     if used is own:
         return tuple(tracks)
-
-    def moved(actor: Actor) -> Actor:
-        path = actor.world_from_actor
-        times = path.times_s if actor.is_moving else np.array([(actor.start_s + actor.end_s) / 2])
-        motion = own.world_from_ego.at(times) @ invert_pose(used.world_from_ego.at(times))
-        return replace(actor, world_from_actor=Trajectory.from_poses(path.times_s, motion @ path.poses))
-
-    return tuple(replace(track, actor=moved(track.actor)) for track in tracks)
+    return moved(tracks, lambda times: own.world_from_ego.at(times) @ invert_pose(used.world_from_ego.at(times)))

@@ -8,12 +8,11 @@ as those of a found actor are (`register`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..data.log import Log
 from ..errors import LogError
 from ..geometry import FloatArray, Trajectory, first_in_voxels, mean_pose, spread_indices
 from ..poses.sweeps import import_scipy
@@ -36,7 +35,7 @@ from .register import (
     rotated,
     smoothed,
 )
-from .scans import Scan, ScanRef, read_scan, scans_of
+from .scans import SweepStore
 
 MARGIN_M, ABOVE_M = 0.4, 0.3
 """Distance around a box, and above it, within which returns are taken for the actor's."""
@@ -60,8 +59,6 @@ LONG_MOVED = 5
 """Number of sweeps in a row that say that an actor moves."""
 CHORD_S = 3.0
 """Time between two drawn boxes up to which their distance says how fast an actor is."""
-STORED_BYTES = 1 << 30
-"""Largest sum of sweeps in memory."""
 DRAWN_M = 0.01
 """A drawn box is an earlier one where it is no further from it."""
 MOST_TURN_RAD = math.radians(12)
@@ -84,42 +81,13 @@ class DrawnBox:
         """The pose (3,) in the plane: x, y, heading."""
         return np.array([self.pose[0, 3], self.pose[1, 3], math.atan2(self.pose[1, 0], self.pose[0, 0])])
 
-
-class SweepStore:
-    """Sweeps of a log in order of time, each sorted along x, in which places are looked up; as many stay in memory as fit."""
-
-    def __init__(self, log: Log) -> None:
-        self.log, self.refs = log, scans_of(log)
-        self.times_s = np.array([ref.time_s for ref in self.refs])
-        self._scans: dict[ScanRef, Scan] = {}
-        self._bytes = 0
-
-    def near(self, number: int, xy: FloatArray, reach_m: float) -> Scan:
-        """Return the part of a sweep whose x and y are within a distance of a place (2,)."""
-        scan = self._read(self.refs[number])
-        low, high = np.searchsorted(scan.points[:, 0], (xy[0] - reach_m, xy[0] + reach_m))
-        return scan.some(low + np.flatnonzero(np.abs(scan.points[low:high, 1] - xy[1]) < reach_m))
-
-    def passing_s(self, number: int, xy: FloatArray) -> float:
-        """Return about when a sweep's beams pass a place (2,)."""
-        times = self.near(number, xy, 3.0).time_s
-        return float(np.median(times)) if len(times) else float(self.times_s[number])
-
-    def at_sweep(self, box: DrawnBox) -> DrawnBox:
-        """Return a box at the time at which the beams of the sweep nearest to its time passed it: a box that was drawn
-        around the returns of a frame's sweep was there then."""
-        if not len(self.refs):
-            return box
-        return DrawnBox(self.passing_s(int(np.abs(self.times_s - box.time_s).argmin()), box.pose[:2, 3]), box.pose)
-
-    def _read(self, ref: ScanRef) -> Scan:
-        if ref not in self._scans:
-            scan = read_scan(self.log, ref)
-            self._scans[ref] = scan.some(np.argsort(scan.points[:, 0], kind="stable"))
-            self._bytes += scan.nbytes
-            while self._bytes > STORED_BYTES and len(self._scans) > 1:
-                self._bytes -= self._scans.pop(next(iter(self._scans))).nbytes
-        return self._scans[ref]
+    def at_sweep(self, store: SweepStore) -> DrawnBox:
+        """Return the box at the time at which the beams of the sweep nearest to its time passed it: a box that was drawn
+        around the returns of a frame's sweep was there then. Without sweeps it stays."""
+        if not len(store.refs):
+            return self
+        nearest = int(np.abs(store.times_s - self.time_s).argmin())
+        return replace(self, time_s=store.passing_s(nearest, self.pose[:2, 3]))
 
 
 @dataclass(frozen=True)
@@ -166,15 +134,8 @@ class _Sighting:
 class _Follower:
     """Passes of one actor of a size and class over the sweeps."""
 
-    def __init__(
-        self,
-        store: SweepStore,
-        size_m: FloatArray,
-        label: str,
-        boxes: Sequence[DrawnBox],
-        progress: Callable[[float], None],
-    ) -> None:
-        self.store, self.size, self.boxes, self.progress = store, np.asarray(size_m, float), boxes, progress
+    def __init__(self, store: SweepStore, size_m: FloatArray, label: str, boxes: Sequence[DrawnBox]) -> None:
+        self.store, self.size, self.boxes = store, np.asarray(size_m, float), boxes
         self.done, self.total = 0, len(store.refs) * (2 if len(boxes) == 1 else 4)
         self.is_rigid = motion_of(label) != "deforming"
 
@@ -287,8 +248,8 @@ class _Follower:
         seen = [*self.sightings(box, trial, max(best, key=lambda rate: score(rate, 3)))]
         return _motion_of([(s.time_s, s.pose) for s in seen]).rate * [1, 1, 0] if len(seen) > 1 else np.zeros(3)
 
-    def _pass(self, box: DrawnBox | None, until_s: float, stands: bool) -> list[_Sighting]:
-        """Return the sightings from a drawn box to a time, in order of time."""
+    def _pass(self, box: DrawnBox | None, until_s: float, stands: bool) -> Generator[float, None, list[_Sighting]]:
+        """Return the sightings from a drawn box to a time, in order of time; yields the share of all that is done."""
         if box is None:
             return []
         forward = until_s > box.time_s
@@ -298,13 +259,17 @@ class _Follower:
         for seen in self.sightings(box, numbers, rate, stands):
             sightings.append(seen)
             self.done += 1
-            self.progress(min(1.0, self.done / self.total))
+            yield min(1.0, self.done / self.total)
         return sightings if forward else sightings[::-1]
 
-    def span(self, first: DrawnBox | None, last: DrawnBox | None, stands: bool) -> list[_Sighting]:
-        """Return the sightings from a drawn box to the next, or before the first or after the last one; registered."""
+    def span(
+        self, first: DrawnBox | None, last: DrawnBox | None, stands: bool
+    ) -> Generator[float, None, list[_Sighting]]:
+        """Return the sightings from a drawn box to the next, or before the first or after the last one; registered. Yields
+        as `follow`."""
         low, high = -math.inf if first is None else first.time_s, math.inf if last is None else last.time_s
-        there, back = self._pass(first, high, stands), self._pass(last, low, stands)
+        there = yield from self._pass(first, high, stands)
+        back = yield from self._pass(last, low, stands)
         inner = [
             [s for s in part if low + CLOSEST_KEYS_S < s.time_s < high - CLOSEST_KEYS_S]
             for part in (there[1:], back[:-1])
@@ -365,9 +330,8 @@ def _ground_height(local: FloatArray, half: FloatArray) -> float:
     low = local[~(np.abs(local[:, :2]) < half[:2] + 0.2).all(1) & (np.abs(local[:, 2]) < GROUND_M)]
     if not len(low):
         return 0.0
-    order = np.lexsort((low[:, 2], *np.floor(low[:, :2]).T))
-    first = np.append(True, (np.diff(np.floor(low[order, :2]), axis=0) != 0).any(1))
-    low = low[order][np.flatnonzero(first)]
+    low = low[np.argsort(low[:, 2], kind="stable")]
+    low = low[first_in_voxels(low * [1.0, 1.0, 0.0], 1.0)]
     low = low[np.abs(low[:, 2] - np.median(low[:, 2])) < 0.4]
     if len(low) < 4:
         return 0.0
@@ -380,18 +344,14 @@ def _ground_height(local: FloatArray, half: FloatArray) -> float:
 
 
 def follow(
-    store: SweepStore,
-    track: Track,
-    drawn: Sequence[DrawnBox],
-    refine: bool = False,
-    progress: Callable[[float], None] = lambda share: None,
-) -> Track:
-    """Return the track of an actor followed from the boxes that a person drew, over all sweeps in which it is seen.
+    store: SweepStore, track: Track, drawn: Sequence[DrawnBox], refine: bool = False
+) -> Generator[float, None, Track]:
+    """Return the track of an actor followed from the boxes that a person drew, over all sweeps in which it is seen; yields
+    the share that is done.
 
     ``track`` tells its id, class and size; where it moves, spans between neighbours of its ``drawn_s`` that are among
     ``drawn`` stay as they are. ``refine``: move, turn and resize the box so that it encloses the returns of all sweeps.
-    ``progress`` gets the share that is done, and may raise to end it. Raises `LogError` where the log has no sweeps, or
-    no box is given.
+    Raises `LogError` where the log has no sweeps, or no box is given.
     """
     import_scipy("to follow an actor,")
     if not drawn:
@@ -399,20 +359,23 @@ def follow(
     if not len(store.refs):
         raise LogError(f"{store.log.path}: has no sweeps, by which a box could be followed")
     boxes = sorted(drawn, key=lambda box: box.time_s)
-    follower = _Follower(store, track.actor.size_m, track.actor.label, boxes, progress)
+    follower = _Follower(store, track.actor.size_m, track.actor.label, boxes)
     spans = [*zip([None, *boxes], [*boxes, None], strict=True)]
     stays = [_unchanged(track, *ends) for ends in spans]
-    nodes = [
-        seen for ends, keys in zip(spans, stays, strict=True) if keys is None for seen in follower.span(*ends, False)
-    ]
+    nodes = list[_Sighting]()
+    for ends, keys in zip(spans, stays, strict=True):
+        if keys is None:
+            nodes += yield from follower.span(*ends, False)
     earlier = {time: pose for keys in stays for time, pose in (keys or {}).items()}
     if is_moving := any(keys is not None for keys in stays):
         nodes = [node for node in nodes if node.time_s not in {box.time_s for box in boxes}]
     else:
-        still = [seen for ends in spans for seen in follower.span(*ends, True)]
+        still = list[_Sighting]()
+        for ends in spans:
+            still += yield from follower.span(*ends, True)
         is_moving = _moves(boxes, nodes, still)
         nodes = nodes if is_moving else still
-    progress(1.0)
+    yield 1.0
     return _finished(track, boxes, nodes, earlier, refine, is_moving)
 
 
@@ -512,15 +475,10 @@ def _refined(
         turn = (turn + math.pi / 4) % (math.pi / 2) - math.pi / 4
         if abs(turn) < MOST_TURN_RAD:
             points, path = in_box(points, np.array([0.0, 0.0, turn])), replace(path, yaw_rad=path.yaw_rad + turn)
-    views, half, new, middle = rotated(-path.yaw_rad, origins - path.positions), size / 2, size.copy(), np.zeros(2)
-    for axis in (0, 1):
-        low, high = extent(points[:, axis])
-        sees_low = (views[:, axis] < -half[axis]).any() and low < -half[axis] + 0.6
-        sees_high = (views[:, axis] > half[axis]).any() and high > half[axis] - 0.6
-        if sees_low or sees_high:
-            least = 0.0 if sees_low and sees_high else size[axis]
-            low, high = completed(low, high, least, 1.0 if sees_high else -1.0)
-            new[axis], middle[axis] = high - low, (low + high) / 2
-    if (top := extent(points[:, 2])[1]) > size[2] - 0.5:
-        new[2] = top
-    return path.shifted(middle), new
+    views, half, (low, high) = rotated(-path.yaw_rad, origins - path.positions), size[:2] / 2, extent(points)
+    sees_low = (views < -half).any(0) & (low[:2] < -half + 0.6)
+    sees_high = (views > half).any(0) & (high[:2] > half - 0.6)
+    least = np.where(sees_low & sees_high, 0.0, size[:2])
+    middle, edges = completed(np.stack([low, high])[:, :2], least, np.where(sees_high, 1.0, -1.0))
+    is_seen, top = sees_low | sees_high, high[2] if high[2] > size[2] - 0.5 else size[2]
+    return path.shifted(np.where(is_seen, middle, 0.0)), np.append(np.where(is_seen, edges, size[:2]), top)

@@ -115,11 +115,7 @@ def left_or_entered(
     moving = np.zeros(len(points), np.bool_)
     free_all, occupied_all = np.zeros(len(points), np.int64), np.zeros(len(points), np.int64)
     for window in chosen:
-        free, occupied = np.zeros(len(points), np.int64), np.zeros(len(points), np.int64)
-        for at in window:
-            is_free, is_occupied = images[at].looks(points)
-            free += is_free
-            occupied += is_occupied
+        free, occupied = np.sum([images[at].looks(points) for at in window], axis=0)
         moving |= (free >= LEAST_FREE) & (free >= FREE * (free + occupied))
         free_all += free
         occupied_all += occupied

@@ -30,15 +30,10 @@ class GroundHeights:
 
     def height(self, xy: FloatArray) -> FloatArray:
         """Return the ground's heights (N,) below points (N, 2) or (N, 3), linear between cells."""
-        at = (xy[:, :2] - self.corner) / CELL_M - 0.5
-        limit = np.array(self.heights.shape) - 1
-        low = np.clip(np.floor(at).astype(np.int64), 0, np.maximum(limit - 1, 0))
-        high, part = np.minimum(low + 1, limit), np.clip(at - low, 0, 1)
-        values = 0.0
-        for x, wx in ((low[:, 0], 1 - part[:, 0]), (high[:, 0], part[:, 0])):
-            for y, wy in ((low[:, 1], 1 - part[:, 1]), (high[:, 1], part[:, 1])):
-                values = values + wx * wy * self.heights[x, y]
-        return np.asarray(values, np.float64)
+        from scipy import ndimage
+
+        at = (xy[:, :2] - self.corner).T / CELL_M - 0.5
+        return np.asarray(ndimage.map_coordinates(self.heights, at, np.float64, order=1, mode="nearest"))
 
 
 class GroundBuilder:

@@ -82,7 +82,7 @@ def gradient(times_s: FloatArray, values: FloatArray) -> FloatArray:
     return np.gradient(values, times_s, axis=0) if len(times_s) > 1 else np.zeros_like(values)
 
 
-def rotated(yaw_rad: FloatArray, xy: FloatArray) -> FloatArray:
+def rotated(yaw_rad: FloatArray | float, xy: FloatArray) -> FloatArray:
     """Return vectors (..., 2) turned by angles (...)."""
     cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
     return np.stack([cosine * xy[..., 0] - sine * xy[..., 1], sine * xy[..., 0] + cosine * xy[..., 1]], -1)

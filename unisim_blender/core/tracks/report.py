@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import base64
 import io
+from collections import Counter
 from collections.abc import Sequence
 from html import escape
 
@@ -13,74 +14,72 @@ from PIL import Image, ImageDraw, ImageFont
 
 from ..data.log import Log
 from ..geometry import FloatArray, box_corners, invert_pose, points_in_box, spread_indices
-from ..world.box_tracks import passing
 from .box_file import Track
-from .scans import ScanRef, read_scan, scans_of
+from .scans import SweepStore, read_scan, scans_of
 
 PIXELS = 1400
 """Longest side of the picture."""
 SWEEPS = 12
 """Number of sweeps whose returns are drawn."""
 MARGIN_M, LETTERS_PX = 10.0, 11
-ROW, LEFT, WIDTH = 16, 150, 700
 STYLE = (
-    "body{font:14px sans-serif;margin:24px}svg,img{max-width:100%;height:auto}text{font:11px sans-serif}"
-    "table{border-collapse:collapse}td,th{padding:2px 10px;text-align:right}"
+    "body{font:14px sans-serif;margin:24px}img{max-width:100%;height:auto}table{border-collapse:collapse}"
+    "td,th{padding:1px 10px;text-align:right}.time{width:45vw}.time div{line-height:1}.alone{color:#c00}"
 )
 
 
 def report(log: Log, tracks: Sequence[Track]) -> str:
     """Return the page: ``log`` gives returns and times. Raises what its reader raises."""
-    seen = seen_by(log, tracks)
-    rows: dict[tuple[str, str], list[str]] = {}
-    for track in tracks:
-        rows.setdefault((track.actor.label, "moving" if track.actor.is_moving else "standing"), []).append(
-            track.actor.uid
+    seen, title = seen_by(log, tracks), f"Tracks of {escape(log.drive.name)}"
+    times_s = [log.drive.time_s[frame] for frame in log.drive.frames]
+    start, span = times_s[0], max(times_s[-1] - times_s[0], 1e-3)
+    rows = []
+    for track in sorted(tracks, key=lambda track: (not track.actor.is_moving, -track.certainty)):
+        actor, names = track.actor, sorted(seen[track.actor.uid])
+        begin, end = np.clip((np.array([actor.start_s, actor.end_s]) - start) / span, 0, 1) * 100
+        bar = f"margin-left:{begin:.1f}%;width:{max(end - begin, 0.3):.1f}%;background:{_rgb(track.certainty)}"
+        rows.append(
+            f'<tr><td>{escape(actor.uid)}<td class="time"><div style="{bar}">&nbsp;</div><td>{track.certainty:.2f}'
+            f"<td>{track.returns} of {track.sweeps} sweeps<td{' class=alone' * (len(names) < 2)}>"
+            f"{escape(', '.join(names) or 'none')}"
         )
-    table = "".join(
-        f"<tr><td>{escape(label)}<td>{state}<td>{len(uids)}<td>{sum(len(seen[uid]) < 2 for uid in uids)}"
-        for (label, state), uids in sorted(rows.items())
-    )
-    alone = "; ".join(
-        f"{escape(uid)}: {escape(next(iter(names), 'none'))}" for uid, names in seen.items() if len(names) < 2
-    )
     return (
-        f'<!doctype html><meta charset="utf-8"><title>Tracks of {escape(log.drive.name)}</title><style>{STYLE}</style>'
-        f"<h1>Tracks of {escape(log.drive.name)}</h1><table><tr><th>class<th>state<th>tracks<th>seen by one sensor{table}"
-        "</table><p>Green is certain, red is not. Lines are the ways of what moves; the box is where it is in the middle of "
-        f"its time.</p><h2>From above</h2>{_above(log, tracks)}<h2>Over time</h2>{_times(log, tracks)}"
-        "<h2>Seen by one sensor alone</h2><p>By the returns in the box, and by whether its centre is in a camera's image, in "
-        f"the middle of a track's time: {alone or 'none'}.</p>"
+        f'<!doctype html><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style><h1>{title}</h1>'
+        f"<p>{escape(summary(tracks))}. Green is certain, red is not. Lines are the ways of what moves; the box is where it "
+        f"is in the middle of its time.</p><h2>From above</h2>{_above(log, tracks)}<h2>Over time</h2><table><tr><th>track"
+        f"<th>from {start:.1f} to {times_s[-1]:.1f} s<th>certainty<th>returns<th>seen by{''.join(rows)}</table><p>Seen by, "
+        "in the middle of its time: LiDARs with returns in the box, cameras with its centre in the image. Red: by one "
+        "sensor alone.</p>"
     )
+
+
+def summary(tracks: Sequence[Track]) -> str:
+    """Return how many tracks there are of each class: "2 moving Car, 5 standing Car"."""
+    kinds = [f"{'moving' if track.actor.is_moving else 'standing'} {track.actor.label}" for track in tracks]
+    return ", ".join(f"{count} {kind}" for kind, count in sorted(Counter(kinds).items())) or "none"
 
 
 def seen_by(log: Log, tracks: Sequence[Track]) -> dict[str, set[str]]:
     """Return the sensors that see each track in the middle of its time, by id: LiDARs with a return in its box, and cameras
     with its centre in the image."""
-    seen: dict[str, set[str]] = {track.actor.uid: set() for track in tracks}
+    store, seen = SweepStore(log), dict[str, set[str]]()
     first, last = (log.drive.time_s[log.drive.frames[at]] for at in (0, -1))
-    middles = {t.actor.uid: (max(t.actor.start_s, first) + min(t.actor.end_s, last)) / 2 for t in tracks}
-    for name, lidar in log.drive.lidars.items():
-        at_frame: dict[int, list[Track]] = {}
-        for track in tracks if (frames := log.sweep_frames(name)) else ():
-            near = min(frames, key=lambda frame: abs(lidar.time_s[frame] - middles[track.actor.uid]))
-            at_frame.setdefault(near, []).append(track)
-        for frame, there in at_frame.items():
-            scan = read_scan(log, ScanRef(name, frame, lidar.time_s[frame]))
-            passed = passing([track.actor for track in there], lidar, lidar.time_s[frame])
-            for track, time in zip(there, passed, strict=True):
-                pose, size = track.actor.world_from_actor.at(time), track.actor.size_m
-                near_it = (np.abs(scan.points[:, :2] - pose[:2, 3]) < np.linalg.norm(size)).all(1)
-                if points_in_box(scan.points[near_it], pose, size).any():
-                    seen[track.actor.uid].add(name)
-    for name, camera in log.drive.cameras.items():
-        for track in tracks if (frames := log.image_frames(name)) else ():
-            time = min((camera.time_s[frame] for frame in frames), key=lambda t: abs(t - middles[track.actor.uid]))
-            pose = invert_pose(camera.world_from_camera.at(time)) @ track.actor.world_from_actor.at(time)
+    for actor in sorted((track.actor for track in tracks), key=lambda actor: actor.start_s):
+        path, names = actor.world_from_actor, seen.setdefault(actor.uid, set())
+        middle_s = (max(actor.start_s, first) + min(actor.end_s, last)) / 2
+        for number in store.nearest(middle_s):
+            pose = path.at(store.passing_s(number, path.positions_at(store.times_s[number])[:2]))
+            returns = store.near(number, pose[:2, 3], float(np.linalg.norm(actor.size_m))).points
+            if points_in_box(returns, pose, actor.size_m).any():
+                names.add(store.refs[number].lidar)
+        for name, camera in log.drive.cameras.items():
+            times = [camera.time_s[frame] for frame in log.image_frames(name)]
+            time = min(times, key=lambda t: abs(t - middle_s), default=middle_s)
+            pose = invert_pose(camera.world_from_camera.at(time)) @ path.at(time)
             u, v, valid = camera.model.project(pose[None, :3, 3])
-            if valid[0] and 0 <= u[0] <= camera.model.width and 0 <= v[0] <= camera.model.height:
-                seen[track.actor.uid].add(name)
-    return seen
+            if times and valid[0] and 0 <= u[0] <= camera.model.width and 0 <= v[0] <= camera.model.height:
+                names.add(name)
+    return {track.actor.uid: seen[track.actor.uid] for track in tracks}
 
 
 def _rgb(certainty: float) -> str:
@@ -122,19 +121,3 @@ def _above(log: Log, tracks: Sequence[Track]) -> str:
     file = io.BytesIO()
     picture.save(file, "PNG")
     return f'<img src="data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}" alt="Tracks from above">'
-
-
-def _times(log: Log, tracks: Sequence[Track]) -> str:
-    frames = [log.drive.time_s[frame] for frame in log.drive.frames]
-    start, span = frames[0], max(frames[-1] - frames[0], 1e-3)
-    parts = []
-    for row, track in enumerate(sorted(tracks, key=lambda track: (not track.actor.is_moving, -track.certainty))):
-        actor, y = track.actor, row * ROW
-        x = LEFT + WIDTH * np.clip((np.array([actor.start_s, actor.end_s]) - start) / span, 0, 1)
-        parts.append(
-            f'<text x="0" y="{y + 11}">{escape(actor.uid)}</text><rect x="{x[0]:.0f}" y="{y + 3}" height="{ROW - 6}" '
-            f'width="{max(x[1] - x[0], 2):.0f}" fill="{_rgb(track.certainty)}"/><text x="{LEFT + WIDTH + 8}" '
-            f'y="{y + 11}">{track.certainty:.2f}, {track.returns} returns of {track.sweeps} sweeps</text>'
-        )
-    height = len(tracks) * ROW + 4
-    return f'<svg viewBox="0 0 {LEFT + WIDTH + 240} {height}" width="{LEFT + WIDTH + 240}">{"".join(parts)}</svg>'

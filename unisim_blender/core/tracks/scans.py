@@ -12,6 +12,8 @@ from ..geometry import FloatArray
 
 NEAR_M, FAR_M = 2.5, 75.0
 """Returns nearer show the vehicle itself, those further away are too few to tell what they are."""
+STORED_BYTES = 1 << 30
+"""Largest sum of sweeps in memory."""
 
 
 @dataclass(frozen=True)
@@ -60,3 +62,38 @@ def read_scan(log: Log, ref: ScanRef) -> Scan:
     if sweep.rank is not None:
         keep &= sweep.rank == 0
     return Scan(*(np.asarray(values[keep], np.float64) for values in (sweep.points, sweep.origins, sweep.time_s)))
+
+
+class SweepStore:
+    """Sweeps of a log in order of time, each sorted along x, in which places are looked up; as many stay in memory as fit."""
+
+    def __init__(self, log: Log) -> None:
+        self.log, self.refs = log, scans_of(log)
+        self.times_s = np.array([ref.time_s for ref in self.refs])
+        self._scans: dict[ScanRef, Scan] = {}
+        self._bytes = 0
+
+    def near(self, number: int, xy: FloatArray, reach_m: float) -> Scan:
+        """Return the part of a sweep whose x and y are within a distance of a place (2,)."""
+        scan = self._read(self.refs[number])
+        low, high = np.searchsorted(scan.points[:, 0], (xy[0] - reach_m, xy[0] + reach_m))
+        return scan.some(low + np.flatnonzero(np.abs(scan.points[low:high, 1] - xy[1]) < reach_m))
+
+    def passing_s(self, number: int, xy: FloatArray) -> float:
+        """Return about when a sweep's beams pass a place (2,)."""
+        times = self.near(number, xy, 3.0).time_s
+        return float(np.median(times)) if len(times) else float(self.times_s[number])
+
+    def nearest(self, time_s: float) -> list[int]:
+        """Return the number of the sweep of each LiDAR that is nearest to a time."""
+        furthest_first = np.argsort(-np.abs(self.times_s - time_s), kind="stable").tolist()
+        return list({self.refs[number].lidar: number for number in furthest_first}.values())
+
+    def _read(self, ref: ScanRef) -> Scan:
+        if ref not in self._scans:
+            scan = read_scan(self.log, ref)
+            self._scans[ref] = scan.some(np.argsort(scan.points[:, 0], kind="stable"))
+            self._bytes += scan.nbytes
+            while self._bytes > STORED_BYTES and len(self._scans) > 1:
+                self._bytes -= self._scans.pop(next(iter(self._scans))).nbytes
+        return self._scans[ref]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import FloatArray
-from .boxes import completed, extent
+from .boxes import completed, extent, viewed_from
 
 USUAL_M = {
     "Car": (4.55, 1.88, 1.5),
@@ -16,6 +16,7 @@ USUAL_M = {
     "Bus": (11.0, 2.7, 3.1),
     "Cyclist": (1.75, 0.7, 1.7),
     "Pedestrian": (0.75, 0.7, 1.7),
+    "Cones": (0.4, 0.4, 0.75),
 }
 """Size (length, width, height) of a class where nothing shows another."""
 VEHICLES = ("Car", "Truck", "Bus")
@@ -31,7 +32,7 @@ TALLEST_M = 2.2
 
 @dataclass(frozen=True)
 class Shape:
-    """A class, the edges (3,) of the box, and its middle (3,) in the frame that the returns are in, z above the ground."""
+    """A class, the edges (3,) of the box, and its middle (2,) in the frame that the returns are in."""
 
     label: str
     size_m: FloatArray
@@ -43,13 +44,9 @@ class Shape:
 
 def supported(points: FloatArray, sweep: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Return whether points (N, 3) lie where more than one sweep shows some."""
-    cell = np.floor(points / VOXEL_M).astype(np.int64)
-    cell -= cell.min(0)
-    span = cell.max(0) + 1
-    key = (cell[:, 0] * span[1] + cell[:, 1]) * span[2] + cell[:, 2]
-    pairs = np.unique(np.stack([key, sweep], 1), axis=0)
-    keys, counts = np.unique(pairs[:, 0], return_counts=True)
-    return np.asarray(counts[np.searchsorted(keys, key)] > 1)
+    _, cell = np.unique(np.floor(points / VOXEL_M), axis=0, return_inverse=True)
+    pairs = np.unique(np.stack([cell.ravel(), sweep], 1), axis=0)
+    return np.asarray(np.bincount(pairs[:, 0])[cell.ravel()] > 1)
 
 
 def class_of(length: float, width: float, height: float, speed: float) -> str:
@@ -68,26 +65,16 @@ def class_of(length: float, width: float, height: float, speed: float) -> str:
 
 def shape_of(points: FloatArray, origins: FloatArray, speed: float) -> Shape:
     """Return the shape of an actor's returns (N, 3) in its frame, z above the ground, of rays from origins (N, 2)."""
-    ends = [extent(points[:, axis]) for axis in range(3)]
-    length, width = (high - low for low, high in ends[:2])
-    top = ends[2][1]
-    inner = [np.quantile(points[:, axis], INNER).tolist() for axis in (0, 1)]
+    ends = extent(points)
+    inner, top = np.quantile(points[:, :2], INNER, axis=0), float(ends[1, 2])
     if (
-        class_of(inner[0][1] - inner[0][0], inner[1][1] - inner[1][0], top, speed) in NARROW
+        class_of(float(np.ptp(inner[:, 0])), float(np.ptp(inner[:, 1])), top, speed) in NARROW
     ):  # what is beside it is not its own
-        ends[:2] = [(low, high) for low, high in inner]
-        length, width = (high - low for low, high in ends[:2])
+        ends[:, :2] = inner
+    length, width = np.ptp(ends[:, :2], 0).tolist()
     label = class_of(length, width, top, speed)
-    usual = USUAL_M[label]
-    size, middle = np.zeros(3), np.zeros(3)
-    seen = width / usual[1] if width < TOO_WIDE * usual[1] else 0.25
-    for axis in (0, 1):
-        low, high = ends[axis]
-        half = max(high - low, usual[axis]) / 2
-        viewed = float(np.clip((origins[:, axis] - (low + high) / 2) / half / 2, -1, 1).mean())
-        low, high = completed(low, high, usual[axis], viewed)
-        size[axis], middle[axis] = high - low, (high + low) / 2
+    usual = np.array(USUAL_M[label])
+    middle, size = completed(ends[:, :2], usual[:2], viewed_from(ends[:, :2], usual[:2], origins))
     is_own = (len(points) > 30 or top > usual[2]) and not (label in NARROW and top > TALLEST_M)
-    size[2] = top if is_own else usual[2]
-    middle[2] = size[2] / 2
-    return Shape(label, size, middle, seen)
+    seen = width / float(usual[1]) if width < TOO_WIDE * usual[1] else 0.25
+    return Shape(label, np.append(size, top if is_own else usual[2]), middle, seen)

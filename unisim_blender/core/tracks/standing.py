@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import FloatArray
-from .boxes import closest_heading, completed, extent
+from .boxes import closest_heading, completed, extent, viewed_from
+from .clusters import connected
 from .ground import GroundHeights
 from .register import rotated
 from .shape import USUAL_M
@@ -49,13 +50,13 @@ class StandingBox:
     size_m: FloatArray
     first_s: float
     last_s: float
-    features: tuple[float, ...]
-    """Of `certainty.FEATURES`, without what is around; none of a cone."""
     returns: int
     sweeps: int
-    rise_m: float
+    features: tuple[float, ...] = ()
+    """Of `certainty.FEATURES`, without what is around; none of a cone."""
+    rise_m: float = 0.0
     """How much higher returns reach in the rear third than in the front one, metres; 0 where an end is not seen."""
-    is_end: bool
+    is_end: bool = False
     """Whether only an end is seen, so that the heading may be off by a quarter of a turn."""
 
 
@@ -124,38 +125,27 @@ class StandingMap:
         is_low = (values[:, 3] > LOW_M) & (values[:, 3] < HIGH_M)
         tall[tuple(cell[is_tall].T)] = True
         low[tuple(cell[is_low].T)] = True
-        tall &= ndimage.binary_dilation(low)
-        label, _ = ndimage.label(low & ~ndimage.binary_dilation(tall), np.ones((3, 3)))
-        numbers = np.where(is_low, label[tuple(cell.T)], 0)
-        order = np.argsort(numbers, kind="stable")
-        groups = np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1)
-        parts = [values[group] for group in groups if numbers[group[0]] and len(group) >= LEAST_VOXELS]
+        below_tall = ndimage.binary_dilation(tall & ndimage.binary_dilation(low))[tuple(cell.T)]
+        rows = np.flatnonzero(is_low & ~below_tall)
+        parts = [values[rows[part]] for part in connected(cell[rows]) if len(part) >= LEAST_VOXELS]
         return [piece for part in parts for piece in _pieces(part)]
 
 
 def _pieces(voxels: FloatArray) -> list[FloatArray]:
     """Return parts of voxels that are larger than a vehicle, where fewer returns connect them; else the voxels."""
-    from scipy import ndimage
-
-    yaw = closest_heading(voxels[:, 1:3])
-    longer = float(np.ptp(rotated(np.full(len(voxels), -yaw), voxels[:, 1:3]), 0).max())
+    longer = float(np.ptp(rotated(-closest_heading(voxels[:, 1:3]), voxels[:, 1:3]), 0).max())
     if not LONGEST_M < longer < MOST_PIECES_M:
         return [voxels]
     strong = voxels[(voxels[:, 0] >= np.quantile(voxels[:, 0], WEAK)) & (voxels[:, 3] > PIECE_LOW_M)]
     cell = np.floor((strong[:, 1:3] - strong[:, 1:3].min(0)) / VOXEL_M).astype(np.int64)
-    grid = np.zeros(cell.max(0) + 1, np.bool_)
-    grid[tuple(cell.T)] = True
-    number = ndimage.label(grid)[0][tuple(cell.T)]
-    pieces = [strong[number == one] for one in np.unique(number)]
-    return [piece for piece in pieces if len(piece) >= LEAST_VOXELS]
+    return [strong[piece] for piece in connected(cell, corners=False) if len(piece) >= LEAST_VOXELS]
 
 
 def standing_box(voxels: FloatArray) -> StandingBox | None:
     """Return the box of a vehicle around voxels of `StandingMap.parts`; None where they are no vehicle's."""
     xy, top = voxels[:, 1:3], float(np.quantile(voxels[:, 3], 0.98))
     yaw = closest_heading(xy)
-    turned = rotated(np.full(len(xy), -yaw), xy)
-    spans = np.array([np.subtract(*extent(turned[:, axis])[::-1]) for axis in (0, 1)])
+    spans = np.ptp(extent(rotated(-yaw, xy)), 0)
     if spans.max() < CONE_M and CONE_TOP_M[0] < top < CONE_TOP_M[1]:
         return _cone(voxels, top)
     if not LOWEST_TOP_M < top < HIGHEST_TOP_M:
@@ -166,37 +156,27 @@ def standing_box(voxels: FloatArray) -> StandingBox | None:
     is_end = longer < END_M  # an end alone is wider than it is deep
     if (spans[1] > spans[0]) != is_end:
         yaw += np.pi / 2
-    turn = np.full(len(xy), -yaw)
-    local, views = rotated(turn, xy), rotated(turn, voxels[:, 4:6])
-    size, middle = np.array([0.0, 0.0, top]), np.zeros(2)
-    for axis in (0, 1):
-        low, high = extent(local[:, axis])
-        usual = USUAL_M["Car"][axis]
-        viewed = float(np.clip((views[:, axis] - (low + high) / 2) / max(high - low, usual), -1, 1).mean())
-        low, high = completed(low, high, usual, viewed)
-        size[axis], middle[axis] = high - low, (low + high) / 2
-    return StandingBox(
-        "Car",
-        float(yaw),
-        rotated(np.array(yaw), middle),
-        size,
-        float(voxels[:, 6].min()),
-        float(voxels[:, 7].max()),
-        _features(voxels, local - middle, views[:, 1] - middle[1], size),
-        int(voxels[:, 0].sum()),
-        int(voxels[:, 0].max()),
-        _rise(local[:, 0], voxels[:, 3]),
-        is_end,
-    )
+    local, views, usual = rotated(-yaw, xy), rotated(-yaw, voxels[:, 4:6]), np.array(USUAL_M["Car"][:2])
+    ends = extent(local)
+    middle, edges = completed(ends, usual, viewed_from(ends, usual, views))
+    size = np.append(edges, top)
+    features = _features(voxels, local - middle, views[:, 1] - middle[1], size)
+    rise = _rise(local[:, 0], voxels[:, 3])
+    return StandingBox("Car", float(yaw), rotated(yaw, middle), size, *_seen(voxels), features, rise, is_end)
+
+
+def _seen(voxels: FloatArray) -> tuple[float, float, int, int]:
+    """Return when voxels were seen first and last, and by how many returns of how many sweeps."""
+    counts = voxels[:, 0]
+    return float(voxels[:, 6].min()), float(voxels[:, 7].max()), int(counts.sum()), int(counts.max())
 
 
 def _cone(voxels: FloatArray, top: float) -> StandingBox:
     """Return the box of something as small as a cone, which may be much else."""
     low, high = voxels[:, 1:3].min(0), voxels[:, 1:3].max(0)
-    size = np.array([*np.maximum(high - low, VOXEL_M), top])
-    counts = int(voxels[:, 0].sum()), int(voxels[:, 0].max())
-    times = float(voxels[:, 6].min()), float(voxels[:, 7].max())
-    return StandingBox("Cones", 0.0, (low + high) / 2, size, *times, (), *counts, 0.0, False)
+    return StandingBox(
+        "Cones", 0.0, (low + high) / 2, np.array([*np.maximum(high - low, VOXEL_M), top]), *_seen(voxels)
+    )
 
 
 def _rise(along: FloatArray, height: FloatArray) -> float:
@@ -234,7 +214,7 @@ def around(box: StandingBox, stays: FloatArray) -> float:
     parked, much around a piece of a hedge. ``stays``: `StandingMap.voxels`."""
     near = stays[(np.abs(stays[:, 1:3] - box.middle) < box.size_m.max()).all(1)]
     near = near[(near[:, 3] > LOW_M) & (near[:, 3] < HIGH_M)]
-    local = rotated(np.full(len(near), -box.yaw_rad), near[:, 1:3] - box.middle)
+    local = rotated(-box.yaw_rad, near[:, 1:3] - box.middle)
     beyond = (np.abs(local) - box.size_m[:2] / 2).max(1)
     inside = beyond < VOXEL_M
     return float(np.log((1 + (~inside & (beyond < RING_M)).sum()) / (1 + inside.sum())))

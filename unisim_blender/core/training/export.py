@@ -10,37 +10,41 @@ import copy
 import dataclasses
 import os
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import torch
 import torch.nn.functional as F
+from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
 from ..data.exposures import Exposures
-from ..data.images import resize_image
+from ..data.images import resize_image, shown_pixels
 from ..data.log import Log, extras_of
 from ..data.own_vehicle import outlines_from_json, outlines_to_json, shows_scene
-from ..errors import OutputError, SceneError
+from ..data.sweep_cells import known_rays
+from ..errors import LogError, OutputError, SceneError
 from ..files import write_file
 from ..geometry import FloatArray, Trajectory, invert_pose, transform_points
 from ..model.checkpoint import TorchScene, save_scene
 from ..model.scene import SceneModel
 from ..model.scene_file import SceneHeader
 from ..ops.ray_segments import RayBatch
-from ..render.captures import render_image, states_of
+from ..render.captures import CaptureStates, render_image, states_of
+from ..render.confidence import RIGHT_RGB, TOLERANCE, TOLERANCE_M
 from ..render.quality import QUALITIES
 from ..render.renderer import Renderer
-from ..render.tracer import NEAR_M
+from ..render.tracer import NEAR_M, Backend
 from ..render.tracers.compiled.scene import cells_to_store
 from ..render.tracers.torch.tracer import TorchBackend, to_batch
 from ..sensors.camera import camera_rays, pixel_grid
-from ..sensors.frames import RenderStats
-from ..sensors.rays import exposure_window
+from ..sensors.frames import CameraFrame, RenderStats
+from ..sensors.rays import Rays, exposure_window
 from ..sensors.unprojection import has_direction
 from ..world.captures import Capture
-from ..world.drive import Drive
+from ..world.drive import Camera, Drive, Lidar
 from ..world.own_rates import captures_of
 from ..world.replay import DriveStates
 from .trainer import Trainer
@@ -192,8 +196,52 @@ def write_scene(trainer: Trainer, out: Path) -> SceneHeader:
     through = observe(scene, trainer.config.cameras, trainer.config.frames, trainer.lidar.points_by_sweep())
     if trainer.recipe.weights.unobserved:
         trainer.occupancy.free_unobserved(through, trainer.unobserved.continued)
-    save_scene(out, scene.header, trainer.model, cells_to_store)
-    return scene.header
+    header = scene.header
+    header.training["accuracy"] = accuracy(TorchBackend(scene, QUALITIES["balanced"]), header, trainer.log)
+    save_scene(out, header, trainer.model, cells_to_store)
+    return header
+
+
+ACCURACY_FRAMES, ACCURACY_BEAMS = 4, 4096
+"""Largest number of frames of each sensor, and of returns of each sweep, that accuracy is measured in."""
+
+
+def accuracy(backend: Backend, header: SceneHeader, log: Log) -> dict[str, float]:
+    """Return the fractions of pixels ("camera"), by their colour, and of returns ("lidar"), by their distance, that are right
+    (`render.confidence`) in frames of the log: where there are some, of those that the scene was not trained on."""
+    renderer, training, drive = Renderer(backend), header.training, header.drive
+    states, right = states_of(renderer, drive), {"camera": list[float](), "lidar": list[float]()}
+    outlines = outlines_from_json(training.get("own_vehicle"))
+
+    def some_of(sensor: Camera | Lidar, there: Sequence[int]) -> Iterator[int]:
+        trained = set(captures_of(sensor.time_s, drive, training["frames"], there))
+        frames = [frame for frame in there if frame not in trained] or list(there)
+        yield from frames[:: -(-len(frames) // ACCURACY_FRAMES) or 1]
+
+    for name in training["cameras"]:
+        for frame in some_of(drive.cameras[name], log.image_frames(name)):
+            with suppress(LogError):  # a frame that was not trained on may be damaged
+                image, recorded = _rendered_and_recorded(renderer, states, log, name, frame)
+                model = image.model
+                is_right = (np.abs(image.rgb - recorded / np.float32(255)) < RIGHT_RGB).all(-1)
+                shown = shown_pixels(log.drive.cameras[name].model, model)
+                shown = np.ones_like(is_right) if shown is None else shown
+                if name in outlines:
+                    shown = shown & shows_scene(*outlines[name], *pixel_grid(model), (model.width, model.height))
+                right["camera"].append(float(is_right[shown].mean()))
+    for name in training["lidars"]:
+        for frame in some_of(drive.lidars[name], log.sweep_frames(name)):
+            with suppress(LogError):
+                beams = known_rays(log, name, frame)
+                some = np.flatnonzero(beams.returned)
+                some = some[:: -(-len(some) // ACCURACY_BEAMS) or 1]
+                times, known = beams.time_s[some], beams.depth_m[some]
+                rays = Rays(beams.origins[some], beams.directions[some], times)
+                state = states.states.state(float(times.min()), float(times.max()))
+                depth, _, probability, _ = renderer.beams(state, rays, drive.lidars[name])
+                close = np.abs(depth - known) <= np.maximum(TOLERANCE_M, TOLERANCE * known)
+                right["lidar"].append(float((close & (probability >= 0.5)).mean()))
+    return {kind: round(float(np.mean(shares)), 4) for kind, shares in right.items() if shares}
 
 
 def preview_frame(trainer: Trainer) -> tuple[str, int]:
@@ -205,17 +253,25 @@ def preview_frame(trainer: Trainer) -> tuple[str, int]:
     return config.cameras[0], held_out[len(held_out) // 2]
 
 
+def _rendered_and_recorded(
+    renderer: Renderer, states: CaptureStates, log: Log, name: str, frame: int
+) -> tuple[CameraFrame, NDArray[np.uint8]]:
+    """Return a small image of a recorded frame, rendered and as it was recorded (H, W, 3)."""
+    recorded, camera = log.image(name, frame), states.camera(name)
+    width = min(PREVIEW_WIDTH, camera.model.width)
+    rendered = render_image(renderer, states, Capture.of_frame(camera, frame), width=width)
+    return rendered, resize_image(recorded, rendered.model)
+
+
 def preview(trainer: Trainer, file: Path) -> None:
     """Write a small image: recorded beside rendered. It changes nothing of the training."""
     name, frame = preview_frame(trainer)
-    width = min(PREVIEW_WIDTH, trainer.cameras.cameras[name].model.width)
     trainer.model.eval()
     scene = _as_scene(trainer, file.parent)
     renderer = Renderer(TorchBackend(scene, QUALITIES["fast"]))
     states = states_of(renderer, scene.header.drive)
-    rendered = render_image(renderer, states, Capture.of_frame(states.camera(name), frame), width=width)
+    rendered, recorded = _rendered_and_recorded(renderer, states, trainer.log, name, frame)
     trainer.model.train()
-    recorded = resize_image(trainer.log.image(name, frame), rendered.model)
     both = np.concatenate([recorded, np.round(rendered.rgb * 255).astype(np.uint8)], 1)
     temporary = file.with_name(f".{file.name}")
     Image.fromarray(both).save(temporary, format="png")

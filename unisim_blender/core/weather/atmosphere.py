@@ -76,6 +76,9 @@ def backscatter(weather: Weather) -> float:
 
 
 def transmittance(extinction: float, depth_m: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the transmittance (...) over depths (...), metres: exp(-extinction depth), 0 at infinity."""
+    """Return the transmittance (...) over depths (...), metres: exp(-extinction depth), 0 at infinity, where
+    there is extinction, and 1 where there is none."""
+    if not extinction:
+        return np.ones(depth_m.shape, np.float32)
     out = np.multiply(depth_m, np.float32(-extinction), dtype=np.float32)
     return np.exp(out, out=out)

@@ -25,6 +25,8 @@ HORIZON_WIDTH_RAD = 0.15
 """Angle above the horizon over which the sky counts less, by a factor e, for the airlight."""
 CLOUDY_SHARE = 0.02
 """Share of an image that what is no sky counts for, so that the airlight does not jump where the last sky vanishes."""
+DARKEST_SKY, REDDEST_SKY = 0.4, 0.9
+"""Luminance, and blue over red, of the darkest and of the reddest sky, relative to the airlight's."""
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 NEAREST_M, FURTHEST_M = 0.3, 12.0
 """Distances along the optical axis between which particles are drawn."""
@@ -35,9 +37,68 @@ MAX_STEPS = 256
 """Largest number of places at which a moving particle is drawn."""
 
 
-def airlight(frame: CameraFrame, camera: Camera, time_s: float) -> FloatArray:
-    """Return the airlight (3,), linear Rec.709, that a whole clear image of a camera with depths shows: the colour of the
-    sky near the horizon, with a little of the grey of the image's brightest tenth, which is all where no sky is seen."""
+class Air(NamedTuple):
+    """What a camera's clear image says of the air: ``light`` (3,), the airlight, linear Rec.709, and ``open_sky`` (h, w),
+    where a coarse image of all of it shows sky, 0 to 1: beams would not return from there (`sky_shown`)."""
+
+    light: FloatArray
+    open_sky: NDArray[np.float32]
+
+    def over(self, colours: NDArray[np.float32], through: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Put the airlight over linear colours (..., 3), in place, by the transmittance (...) in front of them."""
+        light = self.light.astype(np.float32)
+        colours -= light
+        colours *= through[..., None]
+        colours += light
+        return colours
+
+    def sky(self, frame: CameraFrame, rows: slice, columns: slice, size: tuple[int, int]) -> BoolArray:
+        """Return which pixels (h, w) show sky: those without a surface, and those of a surface that would not return a
+        beam and is as bright and as blue as the airlight. The frame is of these rows and columns of an image of ``size``,
+        height and width."""
+        assert frame.depth_m is not None
+        sky = np.isinf(frame.depth_m)
+        if not self.open_sky.any():
+            return sky
+        numbers = np.arange(size[0])[rows]
+        lowest = (np.flatnonzero(self.open_sky.any(1))[-1] + 1.5) * size[0] / len(self.open_sky)
+        count = int(np.searchsorted(numbers, lowest))
+        if not count:
+            return sky
+        rows = slice(int(numbers[0]), int(numbers[count - 1]) + 1, rows.step)
+        weights = interpolated(self.open_sky[..., None], rows, columns, size)[..., 0]
+        y, x = np.nonzero((weights > 0.5) & ~sky[:count])
+        if frame.instance is not None:
+            still = frame.instance[y, x] == 0
+            y, x = y[still], x[still]
+        sky[y, x] = is_sky_coloured(linear_from_srgb(frame.rgb[y, x]), self.light)
+        return sky
+
+
+def interpolated(
+    coarse: NDArray[np.float32], rows: slice, columns: slice, size: tuple[int, int]
+) -> NDArray[np.float32]:
+    """Return the values (H, W, C) of a coarse image (h, w, C) at these rows and columns of an image of ``size``, height and
+    width: bilinear."""
+    for axis, (part, count) in enumerate(zip((rows, columns), size, strict=True)):
+        cells = coarse.shape[axis]
+        at = np.clip((np.arange(count)[part] + 0.5) * cells / count - 0.5, 0, cells - 1).astype(np.float32)
+        low = np.minimum(at.astype(np.int64), max(cells - 2, 0))
+        share = (at - low).reshape((-1, 1, 1) if axis == 0 else (1, -1, 1))
+        coarse = coarse.take(low, axis) * (1 - share) + coarse.take(np.minimum(low + 1, cells - 1), axis) * share
+    return coarse
+
+
+def is_sky_coloured(colours: NDArray[np.float32], light: FloatArray) -> BoolArray:
+    """Return which colours (..., 3), linear, may be a sky's whose light near the horizon is ``light`` (3,)."""
+    bright = colours @ LUMINANCE >= DARKEST_SKY * float(light @ LUMINANCE)
+    return np.asarray(bright & (colours[..., 2] * light[0] >= REDDEST_SKY * colours[..., 0] * light[2]))
+
+
+def air_of(frame: CameraFrame, camera: Camera, time_s: float, probability: NDArray[np.float32]) -> Air:
+    """Return the air that a whole clear image of a camera with depths shows, given the probabilities (h, w) that beams
+    through its pixels return. The airlight is the colour of the sky near the horizon, with a little of the grey of the
+    image's brightest tenth, which is all where no sky is seen. Above the horizon, what returns no beam may be sky."""
     assert frame.depth_m is not None
     colours = linear_from_srgb(frame.rgb).reshape(-1, 3)
     up = camera_rays(camera, time_s, *pixel_grid(frame.model)).directions[..., 2].reshape(-1)
@@ -45,7 +106,8 @@ def airlight(frame: CameraFrame, camera: Camera, time_s: float) -> FloatArray:
     weights = np.where(sky, np.exp(-np.abs(np.where(sky, up, 0.0)) / HORIZON_WIDTH_RAD), 0.0)
     grey = float(np.quantile(colours @ LUMINANCE, 0.9))
     rest = CLOUDY_SHARE * len(colours)
-    return np.asarray((weights @ colours + rest * grey) / (weights.sum() + rest))
+    light = np.asarray((weights @ colours + rest * grey) / (weights.sum() + rest))
+    return Air(light, ((up.reshape(probability.shape) > 0) & (probability < 0.5)).astype(np.float32))
 
 
 class Covered(NamedTuple):
@@ -202,21 +264,32 @@ def covered_by(
 
 
 def weathered(
-    frame: CameraFrame, weather: Weather, light: FloatArray, drawn: DrawnParticles | None = None,
-    rows: slice = slice(0), columns: slice = slice(0), width: int = 0,
+    frame: CameraFrame, weather: Weather, air: Air, drawn: DrawnParticles | None = None,
+    rows: slice = slice(None), columns: slice = slice(None), size: tuple[int, int] | None = None,
+    sprayed: NDArray[np.float32] | None = None,
 ) -> NDArray[np.float32]:  # fmt: skip
-    """Return the colours (H, W, 3), sRGB, of a clear frame with depths in weather; ``light`` (3,) is the airlight. The
-    frame is of these rows and columns of an image of this width, in which particles are drawn, if any are."""
+    """Return the colours (H, W, 3), sRGB, of a clear frame with depths in weather. The frame is of these rows and columns of
+    an image of ``size``, height and width, in which particles are drawn, if any are. ``sprayed`` (H, W) is the optical
+    depth of spray."""
     assert frame.depth_m is not None
     parts = extinctions(weather)
+    size = size or (frame.depth_m.shape[0], frame.depth_m.shape[1])
     fog, falling = parts["fog"], parts["rain"] + parts["snow"]
-    through = transmittance(fog + falling, frame.depth_m)
-    if drawn is not None:
-        through *= 1 - drawn.coverage(frame, rows, columns, width)
-        # what is drawn is not in the air a second time
-        through *= np.exp(np.float32(falling) * np.minimum(frame.depth_m, np.float32(drawn.bulk_from_m)))
-    image = linear_from_srgb(frame.rgb)
-    image -= light.astype(np.float32)
-    image *= through[..., None]
-    image += light.astype(np.float32)
-    return srgb_from_linear(image)
+    if not fog + falling and sprayed is None:
+        return frame.rgb
+    through = np.ones(frame.depth_m.shape, np.float32)
+    if fog + falling:
+        depth_m = np.where(air.sky(frame, rows, columns, size), np.float32(np.inf), frame.depth_m)
+        through = transmittance(fog + falling, depth_m)
+        if drawn is not None:
+            through *= 1 - drawn.coverage(frame, rows, columns, size[1])
+            # what is drawn is not in the air a second time
+            through *= np.exp(np.float32(falling) * np.minimum(depth_m, np.float32(drawn.bulk_from_m)))
+    if sprayed is not None:
+        through *= np.exp(-sprayed)
+    return srgb_from_linear(air.over(linear_from_srgb(frame.rgb), through))
+
+
+def air_through(weather: Weather, depth_m: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the transmittance (...) of the air over depths (...), metres, inf for the sky, without drawn particles."""
+    return transmittance(sum(extinctions(weather).values()), depth_m)

@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +26,14 @@ from numpy.typing import NDArray
 from ..geometry import BoolArray, FloatArray
 from ..sensors.frames import LidarFrame
 from ..sensors.lidar import column_azimuths, column_times
+from ..sensors.rays import Rays
 from ..world.captures import Capture, microseconds
 from ..world.drive import Lidar
 from ..world.weather import Receiver, Weather
 from .atmosphere import LIDAR_RATIO_SR, backscatter, extinctions
 from .particles import ParticleClass, Particles, particle_classes
+from .spray import Puffs
+from .wet_ground import beam_gain
 
 LIGHT_M_NS = 0.299792458
 PULSE_STEPS = 32
@@ -73,12 +77,13 @@ def detectable(receiver: Receiver, max_range_m: float) -> float:
 
 
 def is_lost(
-    intensity: NDArray[np.float32], depth_m: FloatArray, extinction: float, receiver: Receiver, max_range_m: float
-) -> BoolArray:
-    """Return whether targets (...) that return in clear air are below the threshold: their reserve there is 1 plus their
-    power over the threshold's, so that none is lost without weather."""
+    intensity: NDArray[np.float32], depth_m: FloatArray, extinction: float, receiver: Receiver, max_range_m: float,
+    gain: FloatArray | float = 1.0,
+) -> BoolArray:  # fmt: skip
+    """Return whether targets (...) that return in clear air, dry, are below the threshold: their reserve there is 1 plus
+    their power over the threshold's, so that none is lost without weather. ``gain`` (...) is that of wet ground."""
     reserve = 1 + intensity / receiver.threshold * (max_range_m / np.maximum(depth_m, 1e-3)) ** 2
-    return np.asarray(reserve * np.exp(-2 * extinction * depth_m) < 1)
+    return np.asarray(reserve * gain * np.exp(-2 * extinction * depth_m) < 1)
 
 
 def soft_cells(
@@ -93,22 +98,32 @@ def soft_cells(
     return starts[some], means[some]
 
 
-def weathered(frame: LidarFrame, lidar: Lidar, weather: Weather, time_s: float) -> LidarFrame:
-    """Return the sweep at ``time_s`` in weather, given the clear one. Beams that return what is in the air belong to no
-    actor, and have the intensity of a diffuse target with their power. Random draws depend on the weather's seed, the
-    LiDAR and the time alone."""
+def weathered(
+    frame: LidarFrame, lidar: Lidar, weather: Weather, time_s: float, ground: BoolArray | None = None,
+    puffs: Puffs | None = None,
+) -> LidarFrame:  # fmt: skip
+    """Return the sweep at ``time_s`` in weather, given the clear one, of which ``ground`` (B, C) may be wet, and the spray of
+    vehicles. Beams that return what is in the air belong to no actor, and have the intensity of a diffuse target with
+    their power. Random draws depend on the weather's seed, the LiDAR and the time alone."""
     receiver, model = weather.receiver, frame.model
     extinction, least = sum(extinctions(weather).values()), detectable(receiver, model.max_range_m)
     target_m = np.maximum(frame.depth_m.astype(np.float64), 1e-3)
     passed = np.exp(-2 * extinction * target_m)
-    lost = frame.returned & is_lost(frame.intensity, target_m, extinction, receiver, model.max_range_m)
-    seen = frame.returned & ~lost
-    power = np.where(seen, frame.intensity * passed * overlap(target_m, receiver) / target_m**2, 0.0)
-    strongest = np.maximum(power, least)
+    gain = np.ones(target_m.shape)
+    if ground is not None:
+        gain[ground] = beam_gain(frame.intensity[ground], -frame.directions[ground][:, 2], weather.wet)
     limit_m = np.where(frame.depth_m > 0, target_m, model.max_range_m)
     if lidar.blocked is not None:
         limit_m[lidar.blocked] = 0.0
     rng = np.random.default_rng(Capture(lidar.sensor_id, microseconds(time_s)).seed(weather.seed))
+    sprayed = None if puffs is None else _spray_returns(puffs, frame, lidar, time_s, limit_m, extinction, receiver, rng)
+    if sprayed is not None:
+        gain *= sprayed.through.reshape(gain.shape)
+    lost = frame.returned & is_lost(frame.intensity, target_m, extinction, receiver, model.max_range_m, gain)
+    passed *= gain
+    seen = frame.returned & ~lost
+    power = np.where(seen, frame.intensity * passed * overlap(target_m, receiver) / target_m**2, 0.0)
+    strongest = np.maximum(power, least)
     length, cell_m = cell_length_m(receiver), np.full(limit_m.shape, np.inf)
     cells = soft_cells(extinction, backscatter(weather), receiver, least, model.min_range_m, model.max_range_m)
     for start_m, mean in zip(*cells, strict=True):
@@ -121,14 +136,10 @@ def weathered(frame: LidarFrame, lidar: Lidar, weather: Weather, time_s: float) 
     start_m = cell_m[in_air]
     cell_m[in_air] += rng.random(len(start_m)) * np.minimum(length, limit_m[in_air] - start_m)
     for group in particle_classes(weather):
-        beams, range_m, power = particle_returns(group, lidar, time_s, receiver, least)
-        power *= np.exp(-2 * extinction * range_m)
-        inside = (range_m > model.min_range_m) & (range_m < limit_m.reshape(-1)[beams])
-        order = np.flatnonzero(inside & (power > strongest.reshape(-1)[beams]))
-        order = order[np.lexsort((range_m[order], power[order]))]
-        # of equal indices the last one, the strongest, stays
-        strongest.reshape(-1)[beams[order]] = power[order]
-        cell_m.reshape(-1)[beams[order]] = range_m[order]
+        beams, range_m, power = particle_returns(group, lidar, time_s, receiver, least, extinction)
+        _strongest(beams, range_m, power, limit_m, model.min_range_m, strongest, cell_m)
+    if sprayed is not None:
+        _strongest(sprayed.beams, sprayed.range_m, sprayed.power, limit_m, model.min_range_m, strongest, cell_m)
     in_air = np.isfinite(cell_m)
     range_m = cell_m[in_air]
     depth_m, intensity = frame.depth_m.copy(), (frame.intensity * passed).astype(np.float32)
@@ -146,22 +157,81 @@ def weathered(frame: LidarFrame, lidar: Lidar, weather: Weather, time_s: float) 
     )
 
 
+def _strongest(
+    beams: NDArray[np.int64], range_m: FloatArray, power: FloatArray, limit_m: FloatArray, min_range_m: float,
+    strongest: FloatArray, at_m: FloatArray,
+) -> None:  # fmt: skip
+    """Let returns (N,) of beams, by flat numbers, in front of ``limit_m`` (B, C) replace weaker ones, with powers
+    ``strongest`` (B, C), at ``at_m`` (B, C)."""
+    inside = (range_m > min_range_m) & (range_m < limit_m.reshape(-1)[beams])
+    order = np.flatnonzero(inside & (power > strongest.reshape(-1)[beams]))
+    order = order[np.lexsort((range_m[order], power[order]))]
+    # of equal indices the last one, the strongest, stays
+    strongest.reshape(-1)[beams[order]] = power[order]
+    at_m.reshape(-1)[beams[order]] = range_m[order]
+
+
+class _SprayReturns(NamedTuple):
+    """Returns (N,) of spray by beams' flat numbers, and the transmittances (B C,) to targets and back."""
+
+    beams: NDArray[np.int64]
+    range_m: FloatArray
+    power: FloatArray
+    through: FloatArray
+
+
+def _spray_returns(
+    puffs: Puffs, frame: LidarFrame, lidar: Lidar, time_s: float, limit_m: FloatArray, extinction: float,
+    receiver: Receiver, rng: np.random.Generator,
+) -> _SprayReturns | None:  # fmt: skip
+    """Return what beams that end at ``limit_m`` (B, C) return of spray; None where none meets any. A puff that is shorter
+    than a pulse has the power pi (optical depth / lidar ratio) exp(-2 ...) xi / R², which fluctuates as that of air does."""
+    if not len(puffs.radii_m):
+        return None
+    around = Particles(puffs.middles, 4 * puffs.radii_m)
+    beams, which, _ = _BeamFinder(lidar, time_s, 0.0).hits(around, 0.0)
+    if not len(beams):
+        return None
+    origins, directions = (x.reshape(-1, 3)[beams] for x in (frame.origins, frame.directions))
+    rays = Rays(origins, directions, frame.time_s.reshape(-1)[beams])
+    depth, at_m = puffs.depth_of(which, rays, limit_m.reshape(-1)[beams])
+    order = np.lexsort((which, at_m, beams))
+    beams, which, depth, at_m = (x[order] for x in (beams, which, depth, at_m))
+    total = np.cumsum(depth)
+    begins = np.searchsorted(beams, beams)
+    before = total - depth - (total[begins] - depth[begins])
+    at_m = np.maximum(at_m + rng.standard_normal(len(at_m)) * puffs.radii_m[which], 0.05)
+    mean = math.pi * depth / LIDAR_RATIO_SR["rain"] * overlap(at_m, receiver) / at_m**2
+    power = rng.standard_exponential(len(at_m)) * mean * np.exp(-2 * (before + extinction * at_m))
+    through = np.exp(-2 * np.bincount(beams, depth, limit_m.size))
+    return _SprayReturns(beams, at_m, power, through)
+
+
 def particle_returns(
-    group: ParticleClass, lidar: Lidar, time_s: float, receiver: Receiver, least: float
+    group: ParticleClass, lidar: Lidar, time_s: float, receiver: Receiver, least: float, extinction: float
 ) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
-    """Return which beams (N,) of the sweep at ``time_s``, by flat numbers, hit which particles of a class that may return
-    ``least``: their ranges (N,), metres, and powers (N,) without the air's extinction."""
+    """Return which beams (N,) of the sweep at ``time_s``, by flat numbers, hit which particles of a class that return
+    ``least``: their ranges (N,), metres, and powers (N,)."""
     finder = _BeamFinder(lidar, time_s, group.speed_m_s)
     reflectivity = 2 * math.pi / LIDAR_RATIO_SR[group.kind]
+
+    def received(diameter_m: FloatArray | float, range_m: FloatArray) -> FloatArray:
+        return particle_power(diameter_m, range_m, reflectivity, receiver) * np.exp(-2 * extinction * range_m)
+
     ranges = np.linspace(0.05, MAX_PARTICLE_M, 400)
-    far_m = float(ranges[particle_power(group.largest_m, ranges, reflectivity, receiver) >= least].max(initial=0.1))
+    far_m = float(ranges[received(group.largest_m, ranges) >= least].max(initial=0.1))
     per_m3 = group.layers / group.cell_m**3
     far_m = min(far_m, (MAX_PARTICLES / (4 / 3 * math.pi * per_m3)) ** (1 / 3))
     divergence = receiver.divergence_mrad * 1e-3
     parts = [(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))]
     for particles in group.inside(*finder.box(far_m), finder.middle_s, finder.near(far_m, divergence)):
+        # none returns more than where it is nearest to the sensor
+        to = particles.positions - finder.origin
+        nearest = np.maximum(np.sqrt(np.einsum("ij,ij->i", to, to)) - finder.moved_m, 1e-3)
+        some = (nearest <= far_m) & (received(particles.diameters_m, nearest) >= least)
+        particles = Particles(particles.positions[some], particles.diameters_m[some])
         beams, which, distance = finder.hits(particles, divergence)
-        power = particle_power(particles.diameters_m[which], distance, reflectivity, receiver)
+        power = received(particles.diameters_m[which], distance)
         strong = (power >= least) & (distance <= far_m)
         parts.append((beams[strong], distance[strong], power[strong]))
     beams, distances, powers = (np.concatenate(values) for values in zip(*parts, strict=True))

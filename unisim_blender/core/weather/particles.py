@@ -84,12 +84,9 @@ class ParticleClass:
         if layer + 1 > self.layers:
             there = (more & np.uint64((1 << 21) - 1)).astype(np.float64) * _UNIT < self.layers - layer
             cells, place, size = cells[there], place[there], size[there]
-        jitter = np.stack(
-            [(place >> shift) & np.uint64((1 << 21) - 1) for shift in _BITS * np.arange(3, dtype=np.uint64)], 1
-        )
         least, most = (math.exp(-self.sizes.slope * edge) for edge in (self.high_mm, self.low_mm))
         melted = -np.log(least + size * (most - least)) / self.sizes.slope
-        return (cells + (jitter.astype(np.float64) + 0.5) * _UNIT) * self.cell_m, melted
+        return (cells + _units(place)) * self.cell_m, melted
 
 
 def particle_classes(weather: Weather) -> Iterator[ParticleClass]:
@@ -114,6 +111,17 @@ def fall_speed(kind: str, diameter_mm: float) -> float:
     if kind == "rain":
         return 9.65 - 10.3 * math.exp(-0.6 * diameter_mm)
     return 0.8 * diameter_mm**0.16
+
+
+def hashed_units(cells: NDArray[np.int64], words: tuple[int, ...]) -> FloatArray:
+    """Return three numbers (N, 3) between 0 and 1, without these, by a hash of cells (N, 3) and a few numbers."""
+    return _units(_hashed(cells, words))
+
+
+def _units(bits: NDArray[np.uint64]) -> FloatArray:
+    """Return three numbers (N, 3) between 0 and 1 of 63 bits (N,) each."""
+    parts = [(bits >> shift) & np.uint64((1 << 21) - 1) for shift in _BITS * np.arange(3, dtype=np.uint64)]
+    return np.asarray((np.stack(parts, 1).astype(np.float64) + 0.5) * _UNIT)
 
 
 def _mixed(x: NDArray[np.uint64]) -> NDArray[np.uint64]:

@@ -25,8 +25,10 @@ from ..errors import UnisimError, in_a_line, remedy_of, short, what_is_missing
 from ..formats.readers import drive_in, open_log
 from ..prepare.renderers import UNTRAINED_DEFAULT
 from ..render.changes import RenderedState, changed_regions, joined_where_cheaper
+from ..render.confidence import RecordedDepth
 from ..render.lattice import Region
 from ..render.observed_space import ObservedSpace, Observing, cache_space, cached_space, observe_space
+from ..render.recorded_depth import trace_recorded
 from ..render.renderer import Renderer
 from ..render.tracers.surfels.build import Step, preliminary_surfels
 from ..render.tracers.surfels.cache import surfels_of
@@ -66,6 +68,7 @@ class Jobs:
         self.preliminary: tuple[float, SurfelScene] | None = None
         """Surfels for first images, and the time, seconds, near which they were recorded."""
         self.spaces: dict[Scene, ObservedSpace] = {}
+        self.depths: dict[Scene, RecordedDepth] = {}
         self.build: Iterator[Step | SurfelScene] | None = None
         self.first_build: tuple[float, Iterator[Step | SurfelScene]] | None = None
         self.rendered: dict[int, RenderedState] = {}
@@ -171,16 +174,30 @@ class Jobs:
             scene = self.scenes.open(_text(request, "scene"))
             others = {str(name): self.scenes.open(str(name)) for name in request.get("others", ())}
             backend = load_backend(scene, others, quality, device, self.loaded)
+            depth = None
+            if "confidence" in request.get("passes", ()) and isinstance(backend, Observing):
+                depth = yield from self._recorded_depth(backend, scene)
             clip = bool(request.get("clip"))
             if (clip or "unsupported" in request.get("passes", ())) and isinstance(backend, Observing):
                 space = yield from self._space(backend, scene)
-                return Renderer(backend.within(space, clip), shadows, backend)
+                return Renderer(backend.within(space, clip), shadows, backend, depth)
+            return Renderer(backend, shadows, recorded_depth=depth)
         else:
             log = self._log(request)
             first = request.get("preliminary") and self.surfels is None
             surfels = yield from self._first_surfels(request, log) if first else self._surfels(log)
             backend = UNTRAINED_DEFAULT.backend(surfels, log, quality=quality)
         return Renderer(backend, shadows)
+
+    def _recorded_depth(self, backend: Observing, scene: Scene) -> Generator[WorkerMessage, None, RecordedDepth]:
+        """Return the distances of a trained scene's recording; yields events of progress while they are traced."""
+        if scene not in self.depths:
+            for step in trace_recorded(backend, backend.observed[0]):
+                if isinstance(step, RecordedDepth):
+                    self.depths = {scene: step}
+                else:
+                    yield {"event": "progress", "text": "Working out what was observed", "share": step}
+        return self.depths[scene]
 
     def _space(self, backend: Observing, scene: Scene) -> Generator[WorkerMessage, None, ObservedSpace]:
         """Return the space that a trained scene's recording observed; yields events of progress
@@ -293,7 +310,7 @@ def _text(request: WorkerMessage, name: str) -> str:
 
 def _arrays(image: CameraFrame) -> dict[str, NDArray[Any]]:
     """Return an image's colours and passes by their names."""
-    names = ("rgb", "depth_m", "z_depth_m", "normal", "instance", "opacity", "unsupported")
+    names = ("rgb", "depth_m", "z_depth_m", "normal", "instance", "opacity", "unsupported", "confidence")
     return {name: value for name in names if (value := getattr(image, name)) is not None}
 
 

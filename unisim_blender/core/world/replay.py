@@ -80,7 +80,7 @@ class WorldState:
             yield json.dumps(words).encode() + bytes(flags)
             yield np.array([*actor.size_m, *actor.scale, actor.start_s, actor.end_s]).tobytes()
             yield actor.world_from_actor.content()
-            if motion_of(actor.label) == "deforming":
+            if motion_of(actor.label) == "deforming" or (self.weather is not None and self.weather.wet):
                 yield np.float64(round(actor.world_from_actor.start_walked_m, 6)).tobytes()
         for copy in self.static_copies:
             yield copy.content()

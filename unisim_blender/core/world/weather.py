@@ -9,6 +9,9 @@ from typing import Any
 
 import numpy as np
 
+WETTING_MM_H = 2.0
+"""Rate of rain that leaves a part 1/e of the ground dry."""
+
 
 @dataclass(frozen=True)
 class Receiver:
@@ -26,19 +29,25 @@ class Receiver:
 
 @dataclass(frozen=True)
 class Weather:
-    """The weather at one moment: ``visibility_m``, inf without fog; ``rain_mm_h`` and ``snow_mm_h`` of liquid water; ``seed``
-    of the particles and of random draws."""
+    """The weather at one moment: ``visibility_m``, inf without fog; ``rain_mm_h`` and ``snow_mm_h`` of liquid water;
+    ``wetness`` of the ground, 0 to 1, to which rain adds; ``seed`` of the particles and of random draws."""
 
     visibility_m: float = math.inf
     rain_mm_h: float = 0.0
     snow_mm_h: float = 0.0
+    wetness: float = 0.0
     seed: int = 0
     receiver: Receiver = Receiver()
 
     @property
     def is_clear(self) -> bool:
         """Whether a frame is what it is without weather."""
-        return math.isinf(self.visibility_m) and not (self.rain_mm_h or self.snow_mm_h)
+        return math.isinf(self.visibility_m) and not (self.rain_mm_h or self.snow_mm_h or self.wetness)
+
+    @property
+    def wet(self) -> float:
+        """Part of the ground that a film of water covers, 0 to 1."""
+        return 1 - (1 - self.wetness) * math.exp(-self.rain_mm_h / WETTING_MM_H)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form; visibility is None without fog."""
@@ -53,7 +62,7 @@ class Weather:
         )
 
 
-KEYED = ("visibility_m", "rain_mm_h", "snow_mm_h")
+KEYED = ("visibility_m", "rain_mm_h", "snow_mm_h", "wetness")
 """Members of `Weather` that change over time."""
 
 

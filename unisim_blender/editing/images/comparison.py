@@ -30,6 +30,10 @@ STRIPE_PX = 6
 """Width of the hatching's stripes and of the gaps between them, in pixels."""
 HATCH_RGB, HATCH_ALPHA = (1.0, 0.02, 0.02), 0.4
 """Linear colour and opacity of the hatching over unsupported pixels."""
+DOUBTED_RGB, WRONG_RGB, DOUBT_ALPHA = (1.0, 0.6, 0.0), (1.0, 0.02, 0.02), 0.6
+"""Linear colours over doubted pixels, those of half of the doubt and of all, and the opacity over the latter."""
+NO_DOUBT, FULL_DOUBT = 0.8, 0.2
+"""Confidence from which on a pixel has no colour, and below which it has the full one."""
 MOST_DB = 99.0
 """Largest PSNR, which equal images have, dB."""
 Key = TypeVar("Key")
@@ -143,6 +147,21 @@ def hatched(image: NDArray[np.float32], unsupported: NDArray[np.bool_]) -> NDArr
     pixels = out.reshape(-1, 4)
     pixels[over] = (1 - HATCH_ALPHA) * pixels[over] + HATCH_ALPHA * np.array([*HATCH_RGB, 1.0], np.float32)
     return out
+
+
+def tint(confidence: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the premultiplied linear colours (..., 4) over pixels of a confidence (...): clear, orange, red."""
+    doubt = np.clip((NO_DOUBT - confidence) / (NO_DOUBT - FULL_DOUBT), 0, 1)[..., None]
+    wrong = np.clip(2 * doubt - 1, 0, 1)
+    rgb = (1 - wrong) * np.array(DOUBTED_RGB, np.float32) + wrong * np.array(WRONG_RGB, np.float32)
+    return np.asarray(DOUBT_ALPHA * doubt * np.concatenate([rgb, np.ones_like(doubt)], -1), np.float32)
+
+
+def tinted(image: NDArray[np.float32], confidence: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return a linear premultiplied image (H, W, 4) under the `tint` of its confidence (H, W)."""
+    assert image.shape == (*confidence.shape, 4), (image.shape, confidence.shape)
+    over = tint(confidence)
+    return image * (1 - over[..., 3:]) + over
 
 
 MOST_DECODED, MOST_SHOWN = 8, 6

@@ -19,8 +19,9 @@ from ..texts import Text
 class ViewPart:
     """A part of a view's image, at ``rows`` and ``columns`` of it, lowest row first.
 
-    ``linear`` (H, W, 4) is premultiplied, ``srgb`` (H, W, 3) has eight bits, ``unsupported`` (H, W) is there where it
-    was asked for. ``bottom`` is the row, counted from the top, to which the image is finished; None for a coarse part.
+    ``linear`` (H, W, 4) is premultiplied, ``srgb`` (H, W, 3) has eight bits, ``unsupported`` and ``confidence`` (H, W)
+    are there where they were asked for, the latter of finished parts alone. ``bottom`` is the row, counted from the top,
+    to which the image is finished; None for a coarse part.
     """
 
     rows: slice
@@ -28,6 +29,7 @@ class ViewPart:
     linear: NDArray[np.float32]
     srgb: NDArray[np.uint8]
     unsupported: NDArray[np.bool_] | None
+    confidence: NDArray[np.float32] | None
     bottom: int | None
 
 
@@ -53,7 +55,8 @@ def view_part(event: dict[str, Any], arrays: dict[str, NDArray[Any]], size: tupl
     if clip and mask is not None:
         whole[mask] = 0.0
     here = slice(size[0] - bottom, size[0] - top), slice(left, right)
-    return ViewPart(*here, whole, np.ascontiguousarray(srgb[::-1]), mask, bottom if finished else None)
+    right = arrays["confidence"][::-1] if finished and "confidence" in arrays else None
+    return ViewPart(*here, whole, np.ascontiguousarray(srgb[::-1]), mask, right, bottom if finished else None)
 
 
 DIMMED = 0.25

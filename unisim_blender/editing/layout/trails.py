@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.geometry import BoolArray, FloatArray, box_corners
+from ...core.sensors.silhouettes import BOX_EDGES
 from ...core.simulation.vehicle.parameters import Vehicle
 from ..sampled.clock import Clock
-from ..sensors.lenses import EDGES
 from ..simulation.rollouts import PlannedPath
 
 SLOW, FAST = np.array([0.1, 0.35, 1.0]), np.array([1.0, 0.25, 0.1])
@@ -128,7 +128,7 @@ def path_lines(positions: FloatArray, colour: FloatArray = GHOST * [1, 1, 1, 0.5
 
 
 def _box(pose: FloatArray, size_m: FloatArray) -> FloatArray:
-    return box_corners(pose, size_m)[EDGES.ravel()]
+    return box_corners(pose, size_m)[BOX_EDGES.ravel()]
 
 
 def _pairs(values: FloatArray) -> FloatArray:

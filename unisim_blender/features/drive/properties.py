@@ -51,6 +51,7 @@ PASSES = (
     ("instance", "Instance", "Actor that each pixel shows"),
     ("opacity", "Opacity", "Opacity of everything nearer than the background model"),
     ("unsupported", "Unsupported", "Pixels that no recorded data supports"),
+    ("confidence", "Confidence", "Probability that each pixel is right, by what was recorded"),
 )
 SEQUENCE_SENSORS = (
     ("ALL", "All Sensors", "All cameras and LiDARs of the scene"),

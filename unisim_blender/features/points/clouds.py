@@ -21,7 +21,7 @@ from ...editing.sensors.sweeps import DROPS, RECORDED, ViewedSweep
 from ...editing.texts import Text
 from ...registering import Drawing
 from ...translations import localized
-from ...viewport.overlay_layout import WANTED, draw_shapes, measure_at, overlay_layout, write_rows
+from ...viewport.overlay_layout import WANTED, draw_shapes, measure_at, overlay_layout, point_shader, write_rows
 
 SIZE, BEHIND_SIZE, CAMERA_SIZE = 3.0, 2.0, 1.0
 """Of a point, of one behind a surface, an actor's box say, and of those over a camera's image, which they would hide, in
@@ -96,7 +96,7 @@ def draw() -> None:
         for aside, batch in drawn:
             with gpu.matrix.push_pop():
                 gpu.matrix.translate(aside)
-                batch.draw(_shader())
+                batch.draw(point_shader())
     gpu.state.depth_mask_set(False)
     gpu.state.depth_test_set("NONE")
     gpu.state.point_size_set(1.0)
@@ -146,17 +146,10 @@ def legend_size(context: bpy.types.Context) -> tuple[float, float] | None:
     return None if legend is None else legend[1:]
 
 
-def _shader() -> Any:
-    try:
-        return gpu.shader.from_builtin("POINT_FLAT_COLOR")
-    except ValueError:  # before Blender 4.5
-        return gpu.shader.from_builtin("FLAT_COLOR")
-
-
 def _batch(sweep: ViewedSweep, colours: PointColours) -> Any:
     if not len(sweep.points):
         return None
-    return batch_for_shader(_shader(), "POINTS", {"pos": sweep.points.astype(np.float32), "color": colours})
+    return batch_for_shader(point_shader(), "POINTS", {"pos": sweep.points.astype(np.float32), "color": colours})
 
 
 WANTED["legend"] = legend_size

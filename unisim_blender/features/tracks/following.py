@@ -46,9 +46,8 @@ following: dict[tuple[str, str], Waiting] = {}
 """By scene and id of the box."""
 
 
-def set_key(obj: bpy.types.Object, scene: bpy.types.Scene, clock: Clock) -> int | None:
-    """Note where a box is now as a key that a person set, in place of one at this frame; return its number where it is the
-    first one of a box that was never followed."""
+def set_key(obj: bpy.types.Object, scene: bpy.types.Scene, clock: Clock) -> None:
+    """Note where a box is now as a key that a person set, in place of one at this frame."""
     frame = frame_of(scene)
     time_s = float(clock.time_s(np.array(float(frame))))
     drawn = drawn_of(obj)
@@ -56,17 +55,13 @@ def set_key(obj: bpy.types.Object, scene: bpy.types.Scene, clock: Clock) -> int 
     if len(drawn) > len(there):  # it was drawn around the returns of this frame: it keeps their time
         time_s = min((key[0] for key in drawn if key not in there), key=lambda time: abs(time - time_s))
         if not displaced(obj):
-            return None
-    about = obj.unisim_track
-    pose = pose_now(obj)
-    there = sorted([*there, (time_s, pose.ravel().tolist())])
-    about.drawn = json.dumps(there)
-    fresh = not drawn and about.source == "person"
-    return 0 if fresh else None
+            return
+    obj.unisim_track.drawn = json.dumps(sorted([*there, (time_s, pose_now(obj).ravel().tolist())]))
 
 
 def ask(scene: bpy.types.Scene, obj: bpy.types.Object, track: Track, fresh: int | None) -> None:
-    """Ask the worker to follow a box from its keys; ``track`` is what it was before the newest one."""
+    """Ask the worker to follow a box from its keys; ``track`` is what it was before the newest one, ``fresh`` the number of
+    one that was drawn around a sweep's returns."""
     source = source_of(scene)
     key = scene.name, obj.unisim.uid
     before = following.pop(key, None)
@@ -110,10 +105,13 @@ def gather() -> float | None:
     return POLL_S if following else None
 
 
+selected_boxes = selected("Select a box first: draw one or find actors", "TRACK")
+
+
 class SetsKeys(EditsObjects):
     """What sets a key of the selected boxes at this frame."""
 
-    needs = (object_mode, drive, selected("Select a box first: draw one or find actors", "TRACK"))
+    needs = (object_mode, drive, selected_boxes)
 
     def edit(self, context: bpy.types.Context) -> None:
         clock = Clock.of(source_of(context.scene).drive)
@@ -132,7 +130,9 @@ class UNISIM_OT_track_this(SetsKeys, bpy.types.Operator):
 
     def set(self, scene: bpy.types.Scene, obj: bpy.types.Object, clock: Clock) -> None:
         track = track_of(obj, clock, displaced=False)
-        ask(scene, obj, track, set_key(obj, scene, clock))
+        fresh = 0 if track.source == "person" and not track.drawn_s else None
+        set_key(obj, scene, clock)
+        ask(scene, obj, track, fresh)
         if bpy.app.background and (told := bpy.context.window_manager.unisim_following):
             raise UnisimError(told)
 

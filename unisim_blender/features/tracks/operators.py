@@ -19,6 +19,7 @@ from ...bridge.importing.tracks import (
     new_uid,
     put_track,
     saved_tracks,
+    set_track,
     take_tracks,
     track_of,
     tracks_in,
@@ -27,34 +28,36 @@ from ...bridge.objects.imported import imported_objects, source_of
 from ...bridge.objects.sensors import camera_model_of
 from ...bridge.objects.trajectories import keyed_pose, remove
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.views.points import kind_of, sweep_of
-from ...bridge.window import Need, areas, choose, chosen, drive, object_mode, redraw, selected
+from ...bridge.window import Need, areas, choose, chosen, drive, object_mode, redraw
 from ...core.errors import UnisimError
-from ...core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw
-from ...core.tracks.box_file import Track, default_path, halves, is_box_file, joined, read_boxes, write_boxes
+from ...core.geometry import Trajectory, make_pose, quaternion_from_yaw
+from ...core.tracks.box_file import (
+    Track,
+    default_path,
+    halves,
+    is_box_file,
+    joined,
+    read_boxes,
+    track_to_json,
+    unused_uid,
+    write_boxes,
+)
 from ...core.tracks.doubtful import DoubtfulPlace, doubtful_places
+from ...core.tracks.shape import USUAL_M
 from ...core.world.drive import Actor, Appearance
+from ...editing.motion.plausibility import ground_height
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.source import DriveSource, open_source
-from ...editing.sensors.sweeps import RECORDED
 from ...editing.texts import Text, translatable
 from ...preferences import interpreter
 from ...process.background import launch
 from ...process.tasks import Task
 from ...translations import localized, message
-from ..operator_bases import AtOnce, Editing, EditsObjects, Needing, in_thread, nothing_runs, reporting
+from ..operator_bases import AtOnce, EditsObjects, Needing, in_thread, nothing_runs, reporting
+from .following import selected_boxes
 from .properties import show_certain
 
-CLASSES = (
-    ("Car", "Car", "4.5 m long", (4.5, 1.9, 1.6)),
-    ("Truck", "Truck", "8 m long", (8.0, 2.5, 3.2)),
-    ("Bus", "Bus", "12 m long", (12.0, 2.55, 3.2)),
-    ("Pedestrian", "Pedestrian", "0.7 m wide", (0.7, 0.7, 1.75)),
-    ("Cyclist", "Cyclist", "1.8 m long", (1.8, 0.7, 1.7)),
-    ("Cones", "Cones", "0.4 m wide", (0.4, 0.4, 0.75)),
-)
-LABELS = tuple((name, title, about) for name, title, about, _ in CLASSES)
-SIZES = {name: np.array(size) for name, _, _, size in CLASSES}
+LABELS = tuple((name, name, "") for name in USUAL_M)
 ACCEPTED = 1.0
 PLACE_TEXTS = {
     "jump": translatable("jumps by {value:.1f} m"),
@@ -78,7 +81,7 @@ def begin(scene: bpy.types.Scene, tracks: list[Track], source: DriveSource) -> l
     taken = {obj.unisim.uid for obj in tracks_in(scene)}
     boxes = []
     for track in tracks:
-        uid = track.actor.uid if track.actor.uid not in taken else new_uid(scene, source.drive)
+        uid = unused_uid(track.actor.uid, taken)
         boxes.append(put_track(scene, replace(track, actor=replace(track.actor, uid=uid)), source.drive))
         taken.add(uid)
     hide_actors(scene, True)
@@ -90,7 +93,7 @@ class FindTask(Task):
     """Actors found in the sweeps of a log."""
 
     title = translatable("Finding actors")
-    hears, entry = True, "tracks"
+    hears = True
     units = translatable("{done} of {total} %")
     share = 0.0
 
@@ -130,18 +133,18 @@ class UNISIM_OT_find_actors(Needing, bpy.types.Operator):
         if source.log is None:
             raise UnisimError(message("{log}: is not at hand, and actors are found in its sweeps", log=source.log_path))
         folder = Path(tempfile.mkdtemp(prefix="unisim-found-"))
-        launch(FindTask([str(source.log_path), str(folder / FOUND)], folder, 100.0, interpreter()))
+        options = ["--certainty", "0", "--poses", "log", "--json", "--out", str(folder / FOUND)]
+        launch(FindTask(["track", str(source.log_path), *options], folder, 100.0, interpreter()))
         return {"FINISHED"}
 
 
-class UNISIM_OT_edit_boxes(Editing, bpy.types.Operator):
+class UNISIM_OT_edit_boxes(EditsObjects, bpy.types.Operator):
     """Correct the boxes that the log has: its actors are hidden until the boxes are saved"""
 
     bl_label = "Edit the Log's Boxes"
     needs = (object_mode, drive)
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> None:
         scene = context.scene
         source = source_of(scene)
         if is_box_file(source.log_path):
@@ -150,26 +153,9 @@ class UNISIM_OT_edit_boxes(Editing, bpy.types.Operator):
             tracks = [Track(actor, source="log") for _, actor in sorted(source.drive.actors.items())]
         there = {obj.unisim.uid for obj in tracks_in(scene)}
         begin(scene, [track for track in tracks if track.actor.uid not in there], source)
-        return {"FINISHED"}
 
 
-BESIDE_M, NEAR_M, LOW = 2.0, 6.0, 0.05
-"""Distances of points from which the ground below a box is told, and the share of them below it."""
-
-
-def ground_below(scene: bpy.types.Scene, place: FloatArray) -> float:
-    """Return the height of the lowest recorded points about a place (3,); the place's own where no points are shown."""
-    near = []
-    for obj in imported_objects(scene, "POINTS"):
-        if kind_of(obj) == RECORDED:
-            points = sweep_of(obj).points
-            away = np.linalg.norm(points[:, :2] - place[:2], axis=1)
-            near.append(points[(away < NEAR_M) & (away > BESIDE_M), 2])
-    heights = np.concatenate(near) if near else np.zeros(0)
-    return float(np.quantile(heights, LOW)) if len(heights) else float(place[2])
-
-
-class UNISIM_OT_draw_box(Editing, bpy.types.Operator):
+class UNISIM_OT_draw_box(EditsObjects, bpy.types.Operator):
     """Add a box of a class at the 3D cursor, along the vehicle's heading; move and turn it, then Track This"""
 
     bl_label = "Draw Box"
@@ -177,26 +163,22 @@ class UNISIM_OT_draw_box(Editing, bpy.types.Operator):
 
     label: EnumProperty(name="Class", description="Class of the actor", items=LABELS, default="Car")
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> None:
         scene = context.scene
         source = source_of(scene)
-        size, place = SIZES[self.label], np.array(scene.cursor.location, float)
+        size, place = np.array(USUAL_M[self.label]), np.array(scene.cursor.location, float)
         ego = next(imported_objects(scene, "EGO"), None)
         heading = 0.0
         if ego is not None:
             pose = keyed_pose(ego, frame_of(scene))
             heading = float(np.arctan2(pose[1, 0], pose[0, 0]))
-        place[2] = ground_below(scene, place) + size[2] / 2
+        ground_m = ground_height(source, place, scene.frame_current)
+        place[2] = size[2] / 2 + (place[2] if ground_m is None else ground_m)
         uid = new_uid(scene, source.drive)
         path = Trajectory.from_poses(np.zeros(1), make_pose(place, quaternion_from_yaw(heading))[None])
         actor = Actor(uid, self.label, size, path, -np.inf, np.inf, False, Appearance(uid))
         (obj,) = begin(scene, [Track(actor, ACCEPTED, "person")], source)
         choose(context, obj)
-        return {"FINISHED"}
-
-
-selected_boxes = selected("Select a box first: draw one or find actors", "TRACK")
 
 
 class UNISIM_OT_accept_boxes(EditsObjects, bpy.types.Operator):
@@ -230,30 +212,28 @@ class UNISIM_OT_class_boxes(EditsObjects, bpy.types.Operator):
     label: EnumProperty(name="Class", description="Class of the actor", items=LABELS, default="Car")
 
     def edit(self, context: bpy.types.Context) -> list[bpy.types.Object]:
-        return [change(obj, context.scene, label=self.label) for obj in chosen(context, "TRACK")]
-
-
-def change(obj: bpy.types.Object, scene: bpy.types.Scene, **values: Any) -> bpy.types.Object:
-    """Put a box again into a scene with other values of its actor; return the new one, selected as that was."""
-    source = source_of(scene)
-    track = track_of(obj, Clock.of(source.drive))
-    return exchange(obj, scene, replace(track, actor=replace(track.actor, **values)))
-
-
-def exchange(obj: bpy.types.Object, scene: bpy.types.Scene, track: Track) -> bpy.types.Object:
-    """Put a track into a scene in place of a box, active and selected as that was."""
-    was_active, was_chosen = bpy.context.view_layer.objects.active is obj, obj.select_get()
-    remove(obj)
-    new = put_track(scene, track, source_of(scene).drive)
-    new.select_set(was_chosen)
-    if was_active:
-        bpy.context.view_layer.objects.active = new
-    return new
+        drive, boxes = source_of(context.scene).drive, chosen(context, "TRACK")
+        for obj in boxes:
+            track = track_of(obj, Clock.of(drive))
+            set_track(obj, replace(track, actor=replace(track.actor, label=self.label)), drive)
+        return boxes
 
 
 MOST_NEAR = 12
 _near: list[tuple[str, str, str]] = []
 """Items of the menu, which Blender does not keep."""
+
+
+def apart(a: Actor, b: Actor) -> float:
+    """Return how far two actors are apart, metres: where they begin, or where one ends and the other begins, to which each
+    second between these adds 5 m."""
+    places = {actor.uid: actor.world_from_actor.positions for actor in (a, b)}
+    distances = [float(np.linalg.norm(places[a.uid][0] - places[b.uid][0]))]
+    for first, then in ((a, b), (b, a)):
+        if np.isfinite(later_s := then.start_s - first.end_s):
+            away = float(np.linalg.norm(places[then.uid][0] - places[first.uid][-1]))
+            distances.append(away + 5 * abs(later_s))
+    return min(distances)
 
 
 def near_boxes(self: Any, context: bpy.types.Context | None) -> list[tuple[str, str, str]]:
@@ -262,22 +242,10 @@ def near_boxes(self: Any, context: bpy.types.Context | None) -> list[tuple[str, 
     obj = None if context is None else context.active_object
     if context is None or obj is None or obj.unisim.kind != "TRACK":
         return [("", "", "")]
-    clock = Clock.of(source_of(context.scene).drive)
-    own, items = track_of(obj, clock).actor, list[tuple[float, str, str]]()
-    for other in tracks_in(context.scene):
-        if other is obj:
-            continue
-        actor = track_of(other, clock).actor
-        ends = [(own.end_s, actor.start_s), (actor.end_s, own.start_s)]
-        places = [(own.world_from_actor, actor.world_from_actor), (actor.world_from_actor, own.world_from_actor)]
-        apart = [
-            float(np.linalg.norm(a.positions[-1] - b.positions[0])) + 5 * abs(end - start)
-            for (a, b), (end, start) in zip(places, ends, strict=True)
-            if np.isfinite(end) and np.isfinite(start)
-        ]
-        beside = float(np.linalg.norm(own.world_from_actor.positions[0] - actor.world_from_actor.positions[0]))
-        items.append((min([beside, *apart]), other.unisim.uid, other.name))
-    _near[:] = [(uid, name, f"{away:.0f} m") for away, uid, name in sorted(items)[:MOST_NEAR]]
+    clock, others = Clock.of(source_of(context.scene).drive), [o for o in tracks_in(context.scene) if o is not obj]
+    own = track_of(obj, clock).actor
+    items = sorted((apart(own, track_of(other, clock).actor), other.unisim.uid, other.name) for other in others)
+    _near[:] = [(uid, name, f"{away:.0f} m") for away, uid, name in items[:MOST_NEAR]]
     return _near or [("", "", "")]
 
 
@@ -298,7 +266,8 @@ class UNISIM_OT_merge_boxes(EditsObjects, bpy.types.Operator):
         whole = joined(track_of(active, clock), [track_of(obj, clock) for obj in others])
         for obj in others:
             remove(obj)
-        return [exchange(active, scene, whole)]
+        set_track(active, whole, source_of(scene).drive)
+        return [active]
 
 
 class UNISIM_OT_split_boxes(EditsObjects, bpy.types.Operator):
@@ -318,7 +287,8 @@ class UNISIM_OT_split_boxes(EditsObjects, bpy.types.Operator):
             if not start + 1e-3 < time_s < end:
                 raise UnisimError(message("{name}: is not there before and after this frame", name=obj.name))
             first, second = halves(track, time_s, new_uid(scene, source.drive, track.actor.uid))
-            made += [exchange(obj, scene, first), put_track(scene, second, source.drive)]
+            set_track(obj, first, source.drive)
+            made += [obj, put_track(scene, second, source.drive)]
         choose(context, *made)
         return made
 
@@ -330,23 +300,21 @@ def places_of(scene: bpy.types.Scene) -> tuple[DoubtfulPlace, ...]:
     return doubtful_places(shown, clock.times_s)
 
 
-class UNISIM_OT_next_doubtful(Needing, bpy.types.Operator):
+class UNISIM_OT_next_doubtful(EditsObjects, bpy.types.Operator):
     """Go to the next doubtful place of a box: a jump, a gap, two boxes in one, an implausible speed, turn or size"""
 
     bl_label = "Next Doubtful Place"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (object_mode, boxes_there)
 
     back: bpy.props.BoolProperty(name="Back", description="Go to the one before", options={"SKIP_SAVE"})
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> None:
         scene = context.scene
         places = places_of(scene)
         if not places:
             scene.unisim_tracks.place = ""
             self.report({"INFO"}, message("No place is doubtful"))
-            return {"FINISHED"}
+            return
         keys = [[place.uid, round(place.time_s, 3), place.kind] for place in places]
         shown = json.loads(scene.unisim_tracks.place or "null")
         step = -1 if self.back else 1
@@ -360,14 +328,12 @@ class UNISIM_OT_next_doubtful(Needing, bpy.types.Operator):
         look_at(context, obj)
         text = f"{obj.name} {localized(Text(PLACE_TEXTS[place.kind], value=place.value))}"
         scene.unisim_tracks.place = json.dumps({"key": keys[at], "text": text, "number": at + 1, "count": len(places)})
-        return {"FINISHED"}
 
 
-class UNISIM_OT_dismiss_doubtful(Needing, bpy.types.Operator):
+class UNISIM_OT_dismiss_doubtful(EditsObjects, bpy.types.Operator):
     """Note that the doubtful place that is shown is right, also in the file of boxes, and go to the next one"""
 
     bl_label = "Dismiss"
-    bl_options = {"REGISTER", "UNDO"}
 
     @staticmethod
     def shows_place(context: bpy.types.Context) -> Need:
@@ -376,14 +342,14 @@ class UNISIM_OT_dismiss_doubtful(Needing, bpy.types.Operator):
 
     needs = (object_mode, boxes_there, shows_place)
 
-    @reporting
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> set[str]:
         scene = context.scene
         uid, time_s, kind = json.loads(scene.unisim_tracks.place)["key"]
         for obj in tracks_in(scene):
             if obj.unisim.uid == uid:
-                about = obj.unisim_track
-                about.dismissed = json.dumps([*json.loads(about.dismissed or "[]"), [kind, time_s]])
+                track = track_of(obj, Clock.of(source_of(scene).drive), displaced=False)
+                noted = replace(track, dismissed=(*track.dismissed, (time_s, kind)))
+                obj.unisim_track.track = json.dumps(track_to_json(noted))
         return set(bpy.ops.unisim.next_doubtful())
 
 
@@ -438,12 +404,11 @@ class UNISIM_OT_save_boxes(Needing, AtOnce, bpy.types.Operator):
         bpy.ops.ed.undo_push(message=self.bl_label)
 
 
-class UNISIM_OT_discard_boxes(Editing, bpy.types.Operator):
+class UNISIM_OT_discard_boxes(EditsObjects, bpy.types.Operator):
     """Remove all boxes that are not saved; the actors of the log are shown again"""
 
     bl_label = "Discard Boxes"
     needs = (object_mode, boxes_there)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def edit(self, context: bpy.types.Context) -> None:
         take_tracks(context.scene)
-        return {"FINISHED"}

@@ -1,7 +1,7 @@
 """Properties of boxes that are corrected, and of the list of their doubtful places."""
 
 import bpy
-from bpy.props import BoolProperty, FloatProperty, FloatVectorProperty, IntProperty, PointerProperty, StringProperty
+from bpy.props import BoolProperty, FloatProperty, FloatVectorProperty, PointerProperty, StringProperty
 
 from ...bridge.importing.tracks import tracks_in
 
@@ -17,7 +17,6 @@ def show_certain(about: bpy.types.PropertyGroup, context: bpy.types.Context) -> 
 class UniSimTrack(bpy.types.PropertyGroup):
     """What a box that is corrected stands for."""
 
-    label: StringProperty(name="Class", description="Class of the actor in the box")
     certainty: FloatProperty(
         name="Certainty",
         description="How certain it is that there is an actor in the box",
@@ -25,14 +24,9 @@ class UniSimTrack(bpy.types.PropertyGroup):
         max=1.0,
         default=1.0,
     )
-    source: StringProperty(name="Source", description="What the box comes from")
-    returns: IntProperty(description="LiDAR returns in the box over all sweeps")
-    sweeps: IntProperty(description="Sweeps with a return in the box")
     size_m: FloatVectorProperty(size=3, description="Length, width and height without the scale of the object")
-    present: StringProperty(description="From when to when the box is there, as JSON")
     drawn: StringProperty(description="Keys that a person set, as JSON")
-    unsure: StringProperty(description="Where following the box was doubtful, as JSON")
-    dismissed: StringProperty(description="Doubtful places that were looked at, as JSON")
+    track: StringProperty(description="All else as in a file of boxes, as JSON")
 
 
 class UniSimTracks(bpy.types.PropertyGroup):

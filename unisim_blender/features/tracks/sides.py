@@ -8,16 +8,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import bpy
-import gpu
 import numpy as np
 from bpy.app.handlers import persistent
-from gpu_extras.batch import batch_for_shader
 from numpy.typing import NDArray
 
-from ...bridge.importing.tracks import pose_now, size_now
-from ...bridge.objects.animation import keys_of
+from ...bridge.importing.tracks import path_of, pose_now, size_now
 from ...bridge.objects.imported import source_of
-from ...bridge.objects.trajectories import keyed_poses, trajectory_of
+from ...bridge.objects.trajectories import trajectory_of
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.window import redraw, run_soon
 from ...core.errors import UnisimError
@@ -29,7 +26,7 @@ from ...preferences import interpreter
 from ...process.client import Client, Request, client
 from ...registering import Drawing
 from ...translations import interface
-from ...viewport.overlay_layout import draw_shapes, fill, one_for_each, overlay_layout
+from ...viewport.overlay_layout import draw_batch, draw_shapes, fill, overlay_layout
 
 SIDE_PX, GAP_PX, TITLE_PX = 170.0, 6.0, 16.0
 AROUND_M = 1.2
@@ -67,7 +64,6 @@ def ask_points() -> None:
     if obj is None or bpy.app.is_job_running("RENDER"):
         return
     above = trajectory_of(obj)
-    keys = None if above is None else keys_of(above)
     base = pose_now(obj) if above is None else np.array(above.matrix_world, float)
     place = tuple(np.round(base[:3, 3] / 0.5).tolist()) if above is None else ()
     key = (scene.name, obj.unisim.uid, scene.frame_current, obj.unisim_track.drawn[:400], place)
@@ -79,16 +75,13 @@ def ask_points() -> None:
         return
     clock = Clock.of(source.drive)
     time_s = float(clock.time_s(np.array(float(frame_of(scene)))))
-    if keys is None or len(keys[0]) < 2:
-        times, poses = [time_s], [base.ravel().tolist()]
-    else:
-        times = clock.time_s(keys[0]).tolist()
-        poses = keyed_poses(above, keys[0].tolist()).reshape(-1, 16).tolist()
+    path = path_of(obj, clock, displaced=False)
     if shown.waiting is not None:
         shown.waiting[0].cancel(shown.waiting[1])
     worker = client(interpreter())
     values = {"log": str(source.log_path), "size_m": size_now(obj).tolist(), "time_s": time_s}
-    shown.waiting = worker, worker.ask("box_points", **values, times_s=times, poses=poses), key, base
+    poses = path.poses.reshape(-1, 16).tolist()
+    shown.waiting = worker, worker.ask("box_points", **values, times_s=path.times_s.tolist(), poses=poses), key, base
     run_soon(gather, POLL_S)
 
 
@@ -147,38 +140,18 @@ def draw() -> None:
         return
     inside = (np.abs(points) <= size / 2).all(1)
     for number, (title, right, up) in enumerate(SIDES):
-        corner = np.array([left + number * (side + gap), bottom])
+        corner, shapes = np.array([left + number * (side + gap), bottom]), OverlayShapes()
         fill(corner[0], corner[1], corner[0] + side, corner[1] + side + TITLE_PX * scale, GROUND)
-        pixels = side / (max(size[right], size[up]) + 2 * AROUND_M)
+        pixels = SIDE_PX / (max(size[right], size[up]) + 2 * AROUND_M)
         flip = np.array([-1.0 if (right, up) == (1, 2) else 1.0, 1.0])  # from behind, the left is at the left
-        flat = corner + side / 2 + pixels * flip * points[:, [right, up]]
-        there = ((flat > corner) & (flat < corner + side)).all(1)
-        _dots(flat[there], np.where(inside[there, None], INSIDE, OUTSIDE), 2.0 * scale)
-        shapes = OverlayShapes()
-        half = pixels * np.array([size[right], size[up]]) / 2
-        middle = corner + side / 2
-        ring = middle + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
-        colours = [LINE, FRONT if right == 0 else LINE, LINE, LINE]
-        shapes.line(ring, 1.5 * scale, colours)
-        draw_shapes(shapes)
-        title_shapes = OverlayShapes()
-        title_shapes.texts.append((interface(title), 4.0, SIDE_PX + 3.0, LINE))
-        draw_shapes(title_shapes, corner, scale)
-
-
-def _dots(points: FloatArray, colours: FloatArray, size: float) -> None:
-    if not len(points):
-        return
-    try:
-        shader = gpu.shader.from_builtin("POINT_FLAT_COLOR")
-    except ValueError:  # before Blender 4.5
-        shader = gpu.shader.from_builtin("FLAT_COLOR")
-    gpu.state.blend_set("ALPHA")
-    gpu.state.point_size_set(size)
-    places = np.column_stack([points, np.zeros(len(points))]).astype(np.float32)
-    batch_for_shader(shader, "POINTS", {"pos": places, "color": one_for_each(colours, len(points))}).draw(shader)
-    gpu.state.point_size_set(1.0)
-    gpu.state.blend_set("NONE")
+        flat = SIDE_PX / 2 + pixels * flip * points[:, [right, up]]
+        there = ((flat > 0) & (flat < SIDE_PX)).all(1)
+        places = np.pad(corner + scale * flat[there], ((0, 0), (0, 1)))
+        draw_batch("POINTS", places, np.where(inside[there, None], INSIDE, OUTSIDE), 2.0 * scale)
+        ring = SIDE_PX / 2 + pixels * size[[right, up]] / 2 * [[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]
+        shapes.line(ring, 1.5, [LINE, FRONT if right == 0 else LINE, LINE, LINE])
+        shapes.texts.append((interface(title), 4.0, SIDE_PX + 3.0, LINE))
+        draw_shapes(shapes, corner, scale)
 
 
 HANDLERS = (("frame_change_post", follow), ("depsgraph_update_post", follow))

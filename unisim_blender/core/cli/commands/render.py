@@ -39,7 +39,7 @@ MOST_JOBS = 8
 @click.option(
     "--passes",
     metavar="A,B",
-    help="rgb, depth, normal, instance, opacity, unsupported. [default: the scenario's, or rgb]",
+    help="rgb, depth, normal, instance, opacity, unsupported, confidence. [default: the scenario's, or rgb]",
 )
 @render_options(
     "the scenario's",

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Sequence
+import json
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -39,9 +38,10 @@ from ..options import PATH, posed, poses_option
 )
 @poses_option("auto")
 @click.option("--quiet", is_flag=True, help="No progress bar.")
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON object a step in place of the bar.")
 def command(
     log: Path, out: Path | None, certainty: float, boxes: Path | None, detector: str | None, page: Path | None, film: Path | None,
-    poses: Choice, quiet: bool,
+    poses: Choice, quiet: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Find what moves and what stands as vehicles do in the sweeps of LOG, and write its tracks as a file of boxes.
 
@@ -51,64 +51,48 @@ def command(
     from ...files import write_file
     from ...formats.boxes import open_boxes, rows_of
     from ...formats.readers import drive_in, open_log
-    from ...tracks.box_file import Track, default_path, write_boxes
+    from ...tracks.box_file import default_path, write_boxes
     from ...tracks.detections import detected_boxes, detector_named, fused, linked
     from ...tracks.find import find_tracks, in_own_world
-    from ...tracks.report import report
+    from ...tracks.report import report, summary
     from ...tracks.scans import scans_of
 
-    recorded = open_log(log)
-    rows, source = None, ""
+    recorded, out = open_log(log), out or default_path(log)
     if film is not None and film.suffix != ".html" and find_spec("imageio_ffmpeg") is None:
         raise UnisimError(
             f"--film {film}: needs imageio-ffmpeg: pip install imageio-ffmpeg, or give a path that ends with .html"
         )
-
-    def shown_as(tracks: Sequence[Track]) -> None:
-        if page is not None:
-            write_file(page, report(recorded, tracks).encode())
-        if film is not None:
-            drive = replace(recorded.drive, actors={track.actor.uid: track.actor for track in tracks})
-            with Bar(total=len(drive.frames), unit="frame", desc="film", delay=0.5, disable=quiet) as bar:
-                write_log_film(recorded, drive, film, lambda done, total: bar.update())
-
     if boxes is not None and detector is not None:
         raise UnisimError(f"--boxes {boxes} and --detector {detector}: give one of the two")
-    if boxes is not None:
-        rows, source = rows_of(recorded, boxes), boxes.name
-        if rows is None or (rows.uid != "").all():
+
+    def show(stage: str, done: float) -> None:
+        if as_json:
+            click.echo(json.dumps({"share": done}))
+        bar.set_description(stage, refresh=False)
+        bar.update(round(100 * done) - bar.n)
+
+    rows, given = rows_of(recorded, boxes) if boxes is not None else None, detector or (boxes.name if boxes else "")
+    is_tracked = boxes is not None and (rows is None or bool((rows.uid != "").all()))
+    has_sweeps = len(scans_of(recorded)) > 1
+    used = posed(recorded, poses, quiet or as_json) if has_sweeps and not is_tracked else recorded
+    with Bar(total=100, unit="%", delay=0.5, disable=quiet or as_json) as bar:
+        if boxes is not None and is_tracked:
             content = open_boxes(drive_in(log), boxes)
-            write_boxes(out or default_path(log), recorded, content.tracks, content.source)
-            click.echo(f"{out or default_path(log)}: {len(content.tracks)} tracks of {boxes}")
-            shown_as(content.tracks)
-            return
-    if detector is not None:
-        chosen = detector_named(detector)
-        with Bar(total=100, unit="%", desc=detector, delay=0.5, disable=quiet) as bar:
-            rows = detected_boxes(recorded, chosen, lambda done: bar.update(round(100 * done) - bar.n))
-        source = detector
-    enough = len(scans_of(recorded)) > 1
-    used = posed(recorded, poses, quiet) if enough else recorded
-    with Bar(total=100, unit="%", desc="ground", delay=0.5, disable=quiet) as bar:
-        shown = ""
-
-        def progress(stage: str, done: float) -> None:
-            nonlocal shown
-            if stage != shown:
-                shown = stage
-                bar.reset()
-                bar.set_description(stage, refresh=False)
-            bar.update(round(100 * done) - bar.n)
-
-        found = find_tracks(used, progress) if enough or rows is None else ()
-    tracks = in_own_world(found, used.drive, recorded.drive)
-    if rows is not None:
-        tracks = fused(tracks, linked(rows, source))
-    tracks = tuple(track for track in tracks if track.certainty >= certainty)
-    out = out or default_path(log)
-    write_boxes(out, recorded, tracks, " and ".join(filter(None, ("unisim track", source))))
-    shown_as(tracks)
-    counts = Counter(f"{'moving' if track.actor.is_moving else 'standing'} {track.actor.label}" for track in tracks)
-    click.echo(
-        f"{out}: {len(tracks)} tracks: " + (", ".join(f"{n} {kind}" for kind, n in sorted(counts.items())) or "none")
-    )
+            tracks, source = content.tracks, content.source
+        else:
+            if detector is not None:
+                rows = detected_boxes(recorded, detector_named(detector), lambda done: show(detector, done))
+            found = find_tracks(used, show) if has_sweeps or rows is None else ()
+            tracks = in_own_world(found, used.drive, recorded.drive)
+            if rows is not None:
+                tracks = fused(tracks, linked(rows, given))
+            tracks = tuple(track for track in tracks if track.certainty >= certainty)
+            source = " and ".join(filter(None, ("unisim track", given)))
+    write_boxes(out, recorded, tracks, source)
+    if page is not None:
+        write_file(page, report(recorded, tracks).encode())
+    if film is not None:
+        drive = replace(recorded.drive, actors={track.actor.uid: track.actor for track in tracks})
+        with Bar(total=len(drive.frames), unit="frame", desc="film", delay=0.5, disable=quiet) as bar:
+            write_log_film(recorded, drive, film, lambda done, total: bar.update())
+    click.echo(f"{out}: {len(tracks)} tracks: {summary(tracks)}", err=as_json)

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...data.log import PlaneSweep
-from ...errors import LogError, OutputError, remedy_of, what_is_missing
-from ...files import cache_folder, file_stamp, write_file
+from ...errors import LogError, remedy_of, what_is_missing
+from ...files import cache_folder, file_stamp, write_cached
 from ...geometry import (
     FloatArray,
     Trajectory,
@@ -277,10 +277,7 @@ def find(
         except LogError:
             pass  # a broken one is found and written anew
     calibration = _find(path, files, world_from_lidar, direction)
-    try:
-        write_file(cached, (json.dumps(_to_json(calibration)) + "\n").encode())
-    except OutputError:
-        pass  # a cache that cannot be written costs time and nothing else
+    write_cached(cached, json.dumps(_to_json(calibration)).encode())
     return calibration
 
 

@@ -10,21 +10,8 @@ import numpy as np
 from ...errors import LogError
 from ...geometry import make_pose
 from ...json_file import Node, read_json
+from ..common.class_names import class_name
 from .scene import BoxRows, quaternion
-
-CLASSES = {
-    "car": "vehicle.car",
-    "truck": "vehicle.truck",
-    "bus": "vehicle.bus.rigid",
-    "trailer": "vehicle.trailer",
-    "construction_vehicle": "vehicle.construction",
-    "motorcycle": "vehicle.motorcycle",
-    "bicycle": "vehicle.bicycle",
-    "pedestrian": "human.pedestrian.adult",
-    "traffic_cone": "movable_object.trafficcone",
-    "barrier": "movable_object.barrier",
-}
-"""The dataset's classes by those of its benchmarks."""
 
 
 def read_results(path: Path, samples: Mapping[str, int]) -> BoxRows:
@@ -43,7 +30,7 @@ def read_results(path: Path, samples: Mapping[str, int]) -> BoxRows:
                 row.key("size").fail(f"must be above 0, not {[width, length, height]}")
             name = row.key(f"{task}_name").text()
             boxes.uid.append(row.key("tracking_id").text() if task == "tracking" else "")
-            boxes.label.append(CLASSES.get(name, name))
+            boxes.label.append(class_name(name, "nuscenes"))
             boxes.stamp_us.append(samples[token])
             boxes.pose.append(make_pose(row.key("translation").array(3), quaternion(row.key("rotation"))))
             boxes.size_m.append(np.array([length, width, height]))

@@ -34,13 +34,15 @@ POINT_FIELDS = np.dtype([(name, FIELDS[name]) for name in FIELDS.names or () if 
 @dataclass(frozen=True, eq=False)
 class CameraImage:
     """A camera's image: ``rgb`` (H, W, 3) uint8, sRGB, row 0 at the top. ``time_us`` is its timestamp, ``start_us`` and
-    ``end_us`` are when its exposure started and ended, integer microseconds from the log's first frame."""
+    ``end_us`` are when its exposure started and ended, integer microseconds from the log's first frame. ``confidence`` (H, W)
+    in 0..1 is there where the rollout has this pass."""
 
     sensor_id: str
     time_us: int
     start_us: int
     end_us: int
     rgb: NDArray[np.uint8]
+    confidence: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +51,7 @@ class LidarSweep:
 
     ``points`` are records (N,) of `POINT_FIELDS`, for example ``points["x"]``: ``x``, ``y``, ``z`` (m) in the LiDAR's frame at
     ``time_us``, `SensorSetup.rear_axle_from_sensor` places it on the vehicle; ``intensity``, 0 to 1; ``ring``, the beam;
-    ``azimuth`` (rad) and ``time`` (s from the log's first frame) of firing.
+    ``azimuth`` (rad) and ``time`` (s from the log's first frame) of firing. ``confidence`` (N,): see `CameraImage`.
     """
 
     sensor_id: str
@@ -57,6 +59,7 @@ class LidarSweep:
     start_us: int
     end_us: int
     points: NDArray[np.void]
+    confidence: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True)

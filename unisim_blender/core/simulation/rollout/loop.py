@@ -82,7 +82,7 @@ def roll_out(
     driver = CheckedDriver.started(simulation.kind, simulation.setup(), out)
     history, world = _History(), simulation.begin
     history.note(world)
-    steps = [known[0] if known else RolloutStep.of(world, None, (), {})]
+    steps = [known[0] if known else RolloutStep.of(world, None, (), {}, {})]
     if not known:
         append_step(out, steps[0])
     elif steps[0].ego != world.ego:
@@ -113,7 +113,9 @@ def roll_out(
             history.note(world)
             if done is None:
                 ended = context.ended(before.time_us, world.time_us)
-                done = RolloutStep.of(world, action, names_of(simulation, ended), sensors.unsupported)
+                done = RolloutStep.of(
+                    world, action, names_of(simulation, ended), sensors.unsupported, sensors.confidence
+                )
                 append_step(out, done)
             elif done.ego != world.ego:
                 raise OutputError(f"{out}: step {len(steps)} of its rollout cannot be repeated; name another folder")

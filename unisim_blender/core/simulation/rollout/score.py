@@ -59,6 +59,7 @@ def record_of(simulation: Simulation, rollout: Rollout) -> Record:
         drive.world_from_ego.transformed(right=vehicle.ego_from_axle),
         tuple(plans) or None,
         tuple(float(np.mean(list(step.unsupported.values()))) if step.unsupported else None for step in steps),
+        tuple(float(np.mean(list(step.confidence.values()))) if step.confidence else None for step in steps),
         tuple(
             actor.world_from_actor.positions[:, :2]
             for actor in actors

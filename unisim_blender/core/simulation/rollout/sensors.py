@@ -22,6 +22,7 @@ from ...render.captures import started_ahead
 from ...render.renderer import Renderer
 from ...render.reuse import FrameReuse
 from ...sensors.frames import CameraFrame, LidarFrame
+from ...sensors.unprojection import image_mask
 from ...sequence.manifest import LABELS
 from ...sequence.plan import CaptureIdentities, RenderPlan
 from ...sequence.records import CaptureRecord, read_records
@@ -42,9 +43,10 @@ record."""
 
 class SensorSource(Protocol):
     """Delivers what exposures see. ``unsupported`` is the share of unsupported pixels of each camera's image of the last call of
-    `render`, where it is known."""
+    `render`, ``confidence`` the mean confidence of each sensor's pixels or returns, where they are known."""
 
     unsupported: dict[str, float]
+    confidence: dict[str, float]
 
     def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
         """Return what exposures see of a world's drive, in their order."""
@@ -62,6 +64,8 @@ class SimulatedSensors:
     out: Path | None
     unsupported: dict[str, float] = field(default_factory=dict)
     """The share of unsupported pixels of each camera's image of the last call of `render`."""
+    confidence: dict[str, float] = field(default_factory=dict)
+    """The mean confidence of the pixels, or returns, of each sensor's frame of the last call of `render`."""
     frames: dict[str, CameraFrame | LidarFrame] = field(default_factory=dict)
     """Frames of the last call of `render`, by the sensors' names; of several frames of a sensor, the last one."""
     reuse: FrameReuse | None = field(default_factory=FrameReuse)
@@ -74,21 +78,40 @@ class SimulatedSensors:
         start = capture_renderer(plan, self.renderer, self.reuse)
         identities = None if self.out is None else CaptureIdentities(plan)
         images, sweeps = [], []
-        self.unsupported, self.frames = {}, {}
+        self.unsupported, self.confidence, self.frames = {}, {}, {}
         ahead = started_ahead(start, (exposure.capture for exposure in exposures))
         for exposure, waits in zip(exposures, ahead, strict=True):
             if identities is None or self.out is None:
                 shot = waits()
             else:
                 shot = self._written(identities, waits, exposure, self.out)
-            self.frames[exposure.capture.sensor_id] = shot
+            sensor_id = exposure.capture.sensor_id
+            self.frames[sensor_id] = shot
+            confidence = self._confidence(plan, exposure.capture, shot)
+            if confidence is not None and confidence.size:
+                shown = None if isinstance(shot, LidarFrame) else image_mask(shot.model)
+                self.confidence[sensor_id] = float((confidence if shown is None else confidence[shown]).mean())
             if isinstance(shot, LidarFrame):
-                sweeps.append(delivered_sweep(exposure, sweep_points(shot)))
+                sweeps.append(delivered_sweep(exposure, sweep_points(shot), confidence))
                 continue
             if shot.unsupported is not None:
                 self.unsupported[exposure.capture.sensor_id] = float(np.mean(shot.unsupported))
-            images.append(delivered_image(exposure, bytes_from_srgb(shot.rgb)))
+            images.append(delivered_image(exposure, bytes_from_srgb(shot.rgb), confidence))
         return images, sweeps
+
+    def _confidence(
+        self, plan: RenderPlan, capture: Capture, shot: CameraFrame | LidarFrame | None = None
+    ) -> NDArray[np.float32] | None:
+        """Return the confidence of an image's pixels (H, W), or of a sweep's returns (N,), where it was asked for; without a
+        frame, of one that is rendered again."""
+        if "confidence" not in plan.settings.passes:
+            return None
+        shot = capture_renderer(plan, self.renderer, None)(capture)() if shot is None else shot
+        if isinstance(shot, CameraFrame):
+            return shot.confidence
+        lidar = plan.captures.lidar(capture.sensor_id)
+        every = self.renderer.sweep_confidence(plan.captures.state(lidar, capture.time_s(lidar)), shot)
+        return None if every is None else every[shot.returned]
 
     def _written(
         self,
@@ -120,18 +143,20 @@ class SimulatedSensors:
         assert self.out is not None
         if not self._done:
             self._done = read_records(self.out)
+        plan = replace(self.plan, drive=drive, captures=self.plan.captures.of_drive(drive))
         for exposure in exposures:
             sensor_id, moment = exposure.capture.sensor_id, moment_of(drive, exposure.capture)
             name, is_camera = capture_name(drive, exposure.capture)
             record = self._done.get(moment.key, {}).get(name)
             if record is None or not record.is_whole(self.out):
                 raise OutputError(f"{self.out}: {name} of {moment.name} is missing or was changed; name another folder")
+            confidence = self._confidence(plan, exposure.capture)
             if is_camera:
                 rgb = np.asarray(PillowImage.open(camera_path(self.out, sensor_id, moment.name, ".png")).convert("RGB"))
-                images.append(delivered_image(exposure, rgb))
+                images.append(delivered_image(exposure, rgb, confidence))
             else:
                 with np.load(lidar_path(self.out, sensor_id, moment.name, ".npz")) as file:
-                    sweeps.append(delivered_sweep(exposure, file))
+                    sweeps.append(delivered_sweep(exposure, file, confidence))
         return images, sweeps
 
 
@@ -147,15 +172,21 @@ def moment_of(drive: Drive, capture: Capture) -> Moment:
     return Moment.at(drive, capture.time_us, *(([capture.sensor_id], []) if is_camera else ([], [capture.sensor_id])))
 
 
-def delivered_image(exposure: Exposure, rgb: NDArray[np.uint8]) -> CameraImage:
+def delivered_image(
+    exposure: Exposure, rgb: NDArray[np.uint8], confidence: NDArray[np.float32] | None = None
+) -> CameraImage:
     """Return an image as drivers get it."""
-    return CameraImage(exposure.capture.sensor_id, exposure.capture.time_us, exposure.start_us, exposure.end_us, rgb)
+    capture = exposure.capture
+    return CameraImage(capture.sensor_id, capture.time_us, exposure.start_us, exposure.end_us, rgb, confidence)
 
 
-def delivered_sweep(exposure: Exposure, points: SweepPoints) -> LidarSweep:
+def delivered_sweep(
+    exposure: Exposure, points: SweepPoints, confidence: NDArray[np.float32] | None = None
+) -> LidarSweep:
     """Return a sweep as drivers get it: what a return belongs to is not measured."""
     capture = exposure.capture
-    return LidarSweep(capture.sensor_id, capture.time_us, exposure.start_us, exposure.end_us, without_instances(points))
+    records = without_instances(points)
+    return LidarSweep(capture.sensor_id, capture.time_us, exposure.start_us, exposure.end_us, records, confidence)
 
 
 def without_instances(points: SweepPoints) -> NDArray[np.void]:
@@ -176,6 +207,7 @@ class HiddenActors:
     sensors: SensorSource
     hidden: Mapping[str, AbstractSet[str]]
     unsupported: dict[str, float] = field(default_factory=dict)
+    confidence: dict[str, float] = field(default_factory=dict)
 
     def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
         """See `SensorSource.render`. Raises `SimulationError` for a sensor or an actor that the drive does not have."""
@@ -194,13 +226,15 @@ class HiddenActors:
                 raise SimulationError(f'hidden actors: there is no actor "{uid}" to hide from {name}')
         images, sweeps = [], []
         unsupported: dict[str, float] = {}
+        confidence: dict[str, float] = {}
         for exposure in exposures:
             seen = without_actors(drive, self.hidden.get(exposure.capture.sensor_id, frozenset()))
             delivered = self.sensors.render(seen, [exposure]) if renders else self.sensors.read(seen, [exposure])
             images += delivered[0]
             sweeps += delivered[1]
             unsupported |= self.sensors.unsupported
-        self.unsupported = unsupported
+            confidence |= self.sensors.confidence
+        self.unsupported, self.confidence = unsupported, confidence
         return images, sweeps
 
 

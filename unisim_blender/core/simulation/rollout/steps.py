@@ -28,7 +28,7 @@ class RolloutStep:
     """One step: the ``action`` that answered the moment ``asked_us`` (None at the start), and the world that followed.
 
     ``captures`` names what was delivered at its end, "camera/front_camera/t0000001050000us"; ``unsupported`` the share of
-    unsupported pixels of each image among these, by camera.
+    unsupported pixels of each image among these, by camera; ``confidence`` the mean confidence of pixels or returns, by sensor.
     """
 
     time_us: int
@@ -37,14 +37,16 @@ class RolloutStep:
     action: Action | None = None
     captures: tuple[str, ...] = ()
     unsupported: Mapping[str, float] = field(default_factory=dict)
+    confidence: Mapping[str, float] = field(default_factory=dict)
 
     @staticmethod
     def of(
-        world: World, action: Action | None, captures: tuple[str, ...], unsupported: Mapping[str, float]
-    ) -> RolloutStep:
+        world: World, action: Action | None, captures: tuple[str, ...], unsupported: Mapping[str, float],
+        confidence: Mapping[str, float],
+    ) -> RolloutStep:  # fmt: skip
         """Return the step that led to a world."""
         actors = {uid: actor_to_json(motion) for uid, motion in world.motions.items() if motion.state.present}
-        return RolloutStep(world.time_us, world.ego, actors, action, captures, dict(unsupported))
+        return RolloutStep(world.time_us, world.ego, actors, action, captures, dict(unsupported), dict(confidence))
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -54,6 +56,7 @@ class RolloutStep:
             "actors": dict(self.actors),
             "captures": list(self.captures),
             "unsupported": dict(self.unsupported),
+            "confidence": dict(self.confidence),
         }
 
     @staticmethod
@@ -67,6 +70,7 @@ class RolloutStep:
             None if action is None else action_from_json(action),
             tuple(values["captures"]),
             values["unsupported"],
+            values.get("confidence", {}),  # rollouts before it was measured have none
         )
 
 

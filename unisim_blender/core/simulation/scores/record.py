@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -72,7 +72,8 @@ class Record:
     ego's rear axle.
 
     Optional: ``plans`` in the order they were made. ``unsupported_share``: for each step the share, 0 to 1, of the
-    pixels shown to the driver that nobody recorded; None where it was shown none. ``recorded_paths``: paths (K, 2) of
+    pixels shown to the driver that nobody recorded; None where it was shown none. ``confidence``: likewise the mean over
+    sensors of the mean confidence of pixels or returns. ``recorded_paths``: paths (K, 2) of
     the log's vehicles, the ego's apart. ``ego_poses`` (T, 4, 4): world from the ground beneath the middle of the rear
     axle, x forward, y left, z away from the ground. ``classes``: how actors of the log's own classes move (see
     `world.classes`).
@@ -87,6 +88,7 @@ class Record:
     recorded_ego: Trajectory
     plans: tuple[PlanRecord, ...] | None = None
     unsupported_share: tuple[float | None, ...] | None = None
+    confidence: tuple[float | None, ...] | None = None
     recorded_paths: tuple[FloatArray, ...] = ()
     ego_poses: FloatArray | None = None
     classes: Mapping[str, Motion] = field(default_factory=dict)
@@ -94,7 +96,7 @@ class Record:
     def __post_init__(self) -> None:
         object.__setattr__(self, "times_us", _times(self.times_us, "the record"))
         steps = len(self.times_us)
-        for name in ("ego", "ego_footprints", "actors", "unsupported_share", "ego_poses"):
+        for name in ("ego", "ego_footprints", "actors", "unsupported_share", "confidence", "ego_poses"):
             value = getattr(self, name)
             if value is not None and len(value) != steps:
                 raise RecordError(f"the record has {steps} times and {len(value)} of {name}")
@@ -104,9 +106,10 @@ class Record:
             step = int(sound.argmin())
             raise RecordError(f"the ego's footprint {self._at(step)} is no box: {self.ego_footprints[step]}")
         _ = self.tracks  # made here, so that a record that exists is known to be sound
-        for step, share in enumerate(self.unsupported_share or ()):
-            if share is not None and not 0 <= share <= 1:
-                raise RecordError(f"the unsupported share {self._at(step)} is {share}, not from 0 to 1")
+        for name, values in (("unsupported share", self.unsupported_share), ("confidence", self.confidence)):
+            for step, value in enumerate(values or ()):
+                if value is not None and not 0 <= value <= 1:
+                    raise RecordError(f"the {name} {self._at(step)} is {value}, not from 0 to 1")
         if self.ego_poses is not None:
             object.__setattr__(self, "ego_poses", np.asarray(self.ego_poses, np.float64))
             if self.ego_poses.shape != (steps, 4, 4):
@@ -125,6 +128,17 @@ class Record:
     def times_s(self) -> FloatArray:
         """Seconds (T,) of the steps, from the log's first frame."""
         return self.times_us / 1e6
+
+    def until(self, steps: int) -> Record:
+        """Return the record of the first ``steps`` steps."""
+        plans = None if self.plans is None else tuple(p for p in self.plans if p.planned_us < self.times_us[steps - 1])
+        parts = {
+            name: getattr(self, name)[:steps]
+            for name in ("times_us", "ego", "ego_footprints", "actors")
+            + ("unsupported_share", "confidence", "ego_poses")
+            if getattr(self, name) is not None
+        }
+        return replace(self, **parts, plans=plans)
 
     @cached_property
     def ego_axle(self) -> FloatArray:

@@ -18,6 +18,38 @@ TOO_MUCH = 0.2
 """From this share of unsupported pixels on, what a rollout shows is more guess than evidence."""
 
 
+MIN_VALID_STEPS = 5
+"""Least number of valid steps that are scored apart."""
+VALID_CONFIDENCE = 0.7
+"""Least mean confidence of what the driver is shown at a step, for the step to be valid."""
+
+
+@dataclass(frozen=True)
+class Validity:
+    """How far what the driver was shown is right, by the confidence of pixels and returns, averaged over sensors: its mean
+    and least over the steps; ``invalid_steps``, the number with less than `VALID_CONFIDENCE`;
+    ``valid_steps`` and ``valid_until_s``, how many come before the first invalid one, and the time of the last of them.
+    Members are None, with a ``reason``, where nothing was measured."""
+
+    mean_confidence: float | None = None
+    min_confidence: float | None = None
+    invalid_steps: int | None = None
+    valid_steps: int | None = None
+    valid_until_s: float | None = None
+    reason: str | None = None
+
+
+def validity(record: Record) -> Validity:
+    """Return how far a rollout is valid: what follows an invalid step depends on what was invented."""
+    shown = np.array([np.nan if each is None else each for each in record.confidence or ()], np.float64)
+    if not np.isfinite(shown).any():
+        return Validity(reason="the pass confidence was not rendered")
+    invalid = shown < VALID_CONFIDENCE
+    steps = int(invalid.argmax()) if invalid.any() else len(shown)
+    until_s = float(record.times_s[steps - 1]) if steps else None
+    return Validity(float(np.nanmean(shown)), float(np.nanmin(shown)), int(invalid.sum()), steps, until_s)
+
+
 @dataclass(frozen=True)
 class Unsupported:
     """Mean and greatest share of unsupported pixels over the steps at which the driver was shown some, and the first
@@ -50,7 +82,9 @@ def summarise(
     """All scores of a rollout: plain objects, lists, strings and finite numbers, as JSON has them; units are in the
     names.
 
-    Members are always the same. A number that cannot be computed is None, and its object's ``reason`` says why.
+    Members are always the same, but for ``valid_part``: the scores of the steps before the first invalid one
+    (`validity`), where there is one and at least `MIN_VALID_STEPS` come before it. A number that cannot be computed is
+    None, and its object's ``reason`` says why.
     ``occupied``: see `static`; ``on_road`` and ``corridor_width_m``: see `off_road`; ``reference_speed_m_s``: see
     `ncap`. Raises `RecordError` where one of the two functions answers what it may not.
     """
@@ -71,6 +105,7 @@ def summarise(
         "deviation": deviation(record, places),
         "plan_consistency": plan_consistency(record),
         "unsupported": unsupported(record),
+        "validity": (valid := validity(record)),
     }
     head = {
         "steps": len(record.times_us),
@@ -80,6 +115,12 @@ def summarise(
     }
     # lists for tuples
     scores = json.loads(json.dumps({name: asdict(score) for name, score in documents.items()}))
+    if valid.invalid_steps and valid.valid_steps and valid.valid_steps >= MIN_VALID_STEPS:
+        # nested once: the part has no invalid step
+        scores["valid_part"] = summarise(
+            record.until(valid.valid_steps), occupied=occupied, on_road=on_road, corridor_width_m=corridor_width_m,
+            reference_speed_m_s=reference_speed_m_s,
+        )  # fmt: skip
     return head | {"collision": _collision(crashes), "comfort": _comfort(smooth)} | scores
 
 
@@ -220,7 +261,20 @@ def _rest(scores: dict[str, Any]) -> Rows:
         when = seen["above_20_percent_at_s"]
         above = "never above 20 %" if when is None else f"above 20 % at {when:.2f} s"
         text = f"{seen['mean_share']:.1%} on average, {seen['max_share']:.1%} at most, {above}"
-    return [*rows, ("unsupported pixels", text)]
+    rows.append(("unsupported pixels", text))
+    valid = scores.get("validity")
+    if valid is None:
+        return rows
+    text = _dash(valid)
+    if valid["mean_confidence"] is not None:
+        text = f"{valid['mean_confidence']:.1%} on average, {valid['min_confidence']:.1%} at least, "
+        text += f"{valid['invalid_steps']} invalid steps" if valid["invalid_steps"] else "no invalid step"
+    rows.append(("confidence", text))
+    part = scores.get("valid_part")
+    if part is not None:
+        rows.append(("valid part", f"{part['steps']} steps, {part['duration_s']:.2f} s"))
+        rows += [(f"  {name}", text) for name, text in (*_composites(part), *_contacts(part["collision"]))]
+    return rows
 
 
 def _or_reason(score: dict[str, Any], member: str, form: str) -> str:

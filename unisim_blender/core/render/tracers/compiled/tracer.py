@@ -23,8 +23,10 @@ from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays, sound_directions
 from ....world.drive import Actor, Box
 from ....world.replay import PaddedKeys, WorldState
+from ...confidence import RecordedDepth
 from ...observed_space import Observed, ObservedSpace
 from ...quality import QUALITIES, Quality
+from ...recorded_depth import recorded_depth
 from ...tracer import (
     FOREIGN_EDGE_CELLS,
     NEAR_M,
@@ -160,6 +162,10 @@ class CompiledBackend:
     @property
     def observed(self) -> Observed:
         return self.scene.header, self.scene.observed, self.scene.config.voxel_m
+
+    def recorded_depth(self) -> RecordedDepth:
+        """Return what confidence is computed from."""
+        return recorded_depth(self, self.scene.header)
 
     def within(self, space: ObservedSpace, clip: bool) -> CompiledBackend:
         other = copy.copy(self)

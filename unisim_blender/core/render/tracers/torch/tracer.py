@@ -34,8 +34,10 @@ from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays, sound_directions
 from ....world.drive import Actor, Box
 from ....world.replay import WorldState
+from ...confidence import RecordedDepth
 from ...observed_space import Observed, ObservedSpace
 from ...quality import QUALITIES, Quality
+from ...recorded_depth import recorded_depth
 from ...tracer import FOREIGN_EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, TraceResult, active_actors
 from .actor_tensors import active_actor_tensors
 from .ray_passes import ray_passes
@@ -102,6 +104,10 @@ class TorchBackend:
     def observed(self) -> Observed:
         model = self.scene.model
         return self.scene.header, model.observed.cpu().numpy(), model.config.voxel_m
+
+    def recorded_depth(self) -> RecordedDepth:
+        """Return what confidence is computed from."""
+        return recorded_depth(self, self.scene.header)
 
     def within(self, space: ObservedSpace, clip: bool) -> TorchBackend:
         other = copy.copy(self)
