@@ -70,7 +70,7 @@ const Variant chosen = choose();
 #define EXPORTED(type, name, parameters, arguments) \
     EXPORT type unisim_##name parameters { return chosen.name arguments; }
 
-EXPORT int unisim_abi_version() { return 15; }
+EXPORT int unisim_abi_version() { return 16; }
 
 EXPORT const char *unisim_variant() { return chosen.variant; }
 

@@ -28,6 +28,17 @@
         (const float *u, const float *t, const float *s, int64_t n, int k, float beta, float uniform, \
          const float *jitter, int count, float *out, int threads), \
         (u, t, s, n, k, beta, uniform, jitter, count, out, threads)) \
+    KERNEL(int, place_static, \
+        (const unisim_scene *scene, const float *origins, const float *directions, const float *t_near, \
+         const float *t_far, int64_t n, const int64_t *box_ray, const float *box_near, const float *box_far, \
+         int64_t boxes, const float *u, int proposals, float uniform, const float *jitter, int count, float *t, \
+         float *mass, int threads), \
+        (scene, origins, directions, t_near, t_far, n, box_ray, box_near, box_far, boxes, u, proposals, uniform, \
+         jitter, count, t, mass, threads)) \
+    KERNEL(int, place_background, \
+        (const unisim_scene *scene, const float *origins, const float *directions, const float *t0, int64_t n, \
+         const float *u, int proposals, const float *within, int count, float *place, float *width, int threads), \
+        (scene, origins, directions, t0, n, u, proposals, within, count, place, width, threads)) \
     KERNEL(int, mlp_forward, \
         (const unisim_mlp *net, const float *x, int64_t n, float *out, int threads), \
         (net, x, n, out, threads)) \

@@ -10,10 +10,11 @@ namespace {
 
 // The occupied steps of one ray and their cumulative mass.
 struct OccupiedSteps {
-    std::vector<int32_t> step;
+    size_t count = 0;
+    std::vector<int32_t> step; // with room for more than there are
     std::vector<float> mass;
 
-    float total() const { return mass.empty() ? 0.0f : mass.back(); }
+    float total() const { return count ? mass[count - 1] : 0.0f; }
 };
 
 // Finds the steps, of half a voxel, in voxels that are not free.
@@ -43,6 +44,7 @@ inline void find_occupied(const unisim_scene &scene, const float *o, const float
         out.mass.push_back(total);
         out.step.push_back(i);
     }
+    out.count = out.step.size();
 }
 
 // Places t (count), `stride` apart, of rising quantiles u (count), `stride` apart.
@@ -51,7 +53,7 @@ inline void place_quantiles(const OccupiedSteps &in, float step, float t_near, c
     size_t j = 0;
     for (int k = 0; k < count; ++k) {
         const float target = u[k * stride] * in.total();
-        while (j + 1 < in.mass.size() && in.mass[j] <= target) ++j;
+        while (j + 1 < in.count && in.mass[j] <= target) ++j;
         const float before = j ? in.mass[j - 1] : 0.0f;
         const float fraction = std::fmin(std::fmax((target - before) / (in.mass[j] - before), 0.0f), 1.0f);
         t[k * stride] = t_near + (static_cast<float>(in.step[j]) + fraction) * step;
@@ -96,6 +98,42 @@ inline void invert_weights(const float *cdf, int places, int stride, int count, 
         const float e0 = k ? (static_cast<float>(k) - 0.5f) / static_cast<float>(places) : 0.0f;
         const float e1 = k == places ? 1.0f : (static_cast<float>(k) + 0.5f) / static_cast<float>(places);
         u[j * stride] = e0 + (target - c0) / std::fmax(c1 - c0, 1e-12f) * (e1 - e0);
+    }
+}
+
+// A point (3) around the volume's centre in the unit cube of the background's grid: mip-NeRF 360's contraction (Barron et
+// al., 2022, eq. 10). x is in the volume's coordinates.
+inline void contract(const unisim_scene &scene, const float *x, float *out) {
+    float y[3], norm = 0;
+    for (int a = 0; a < 3; ++a) {
+        y[a] = (x[a] - scene.size[a] / 2) / scene.background_radius_m;
+        norm += y[a] * y[a];
+    }
+    norm = std::fmax(std::sqrt(norm), 1e-9f);
+    const float scale = norm <= 1 ? 1.0f : (2 - 1 / norm) / norm;
+    for (int a = 0; a < 3; ++a) out[a] = y[a] * scale / 4 + 0.5f;
+}
+
+constexpr float MAX_LOG_DENSITY = 8.0f;
+
+// Edges (count + 1) of intervals behind the volume, as fractions of disparity, with equal shares of the weights of
+// `places` densities at even places; cdf (places + 1) is scratch.
+inline void find_background_edges(const float *density, int places, int count, float *cdf, float *edges) {
+    float before = 0, total = 0;
+    for (int k = 0; k < places; ++k) {
+        const float depth_of = density[k] / static_cast<float>(places);
+        cdf[k + 1] = exp_of(-before) * opacity_of(depth_of) + 1e-3f;
+        total += cdf[k + 1];
+        before += depth_of;
+    }
+    cdf[0] = edges[0] = 0;
+    for (int k = 1; k <= places; ++k) cdf[k] = cdf[k - 1] + 0.8f * cdf[k] / total + 0.2f / static_cast<float>(places);
+    int j = 1;
+    for (int k = 1; k <= count; ++k) {
+        const float target = static_cast<float>(k) / static_cast<float>(count) * cdf[places];
+        while (j < places && cdf[j] <= target) ++j;
+        edges[k] = (static_cast<float>(j - 1) + (target - cdf[j - 1]) / (cdf[j] - cdf[j - 1])) /
+                   static_cast<float>(places);
     }
 }
 

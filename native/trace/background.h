@@ -1,12 +1,11 @@
 // The background model and the sky, outside the volume, along rays whose transmittance through the volume is not
 // negligible.
 #pragma once
+#include "../sample_placement.h"
 #include "compositor.h"
 #include "view_dependence.h"
 
 namespace {
-
-constexpr float MAX_LOG_DENSITY = 8.0f;
 
 class Background {
   public:
@@ -159,16 +158,10 @@ class Background {
             for (int i = 0; i < filled(block); ++i) {
                 const int at = first + std::min(i, block - 1), r = rays[at / per_ray];
                 const float at_m = distance_of(r, place[at]);
-                float y[3], norm = 0;
-                for (int a = 0; a < 3; ++a) {
-                    y[a] = (tile_.o[r][a] + tile_.d[r][a] * at_m - tile_.scene.size[a] / 2) /
-                           tile_.scene.background_radius_m;
-                    norm += y[a] * y[a];
-                }
-                // mip-NeRF 360's contraction (Barron et al., 2022, eq. 10)
-                norm = std::fmax(std::sqrt(norm), 1e-9f);
-                const float scale = norm <= 1 ? 1.0f : (2 - 1 / norm) / norm;
-                for (int a = 0; a < 3; ++a) tile_.x[a][i] = y[a] * scale / 4 + 0.5f;
+                float x[3], y[3];
+                for (int a = 0; a < 3; ++a) x[a] = tile_.o[r][a] + tile_.d[r][a] * at_m;
+                contract(tile_.scene, x, y);
+                for (int a = 0; a < 3; ++a) tile_.x[a][i] = y[a];
             }
             float *h = units ? units->data() + static_cast<size_t>(first) * far.wide : tile_.block.data();
             far.units(tile_.x, nullptr, block, tile_.code.data(), h);
@@ -200,28 +193,12 @@ class Background {
     // of the first.
     void find_places(const float *density, float *place, float *width) {
         const int first = static_cast<int>(proposals()), second = static_cast<int>(samples());
-        cdf_.assign(proposals() + 1, 0.0f);
-        float before = 0, total = 0;
-        for (int k = 0; k < first; ++k) {
-            const float depth_of = density[k] / static_cast<float>(first);
-            cdf_[k + 1] = exp_of(-before) * opacity_of(depth_of) + 1e-3f;
-            total += cdf_[k + 1];
-            before += depth_of;
-        }
-        for (int k = 1; k <= first; ++k)
-            cdf_[k] = cdf_[k - 1] + 0.8f * cdf_[k] / total + 0.2f / static_cast<float>(first);
-        int j = 1;
-        float edge = 0;
-        for (int k = 0; k <= second; ++k) {
-            const float target = static_cast<float>(k) / static_cast<float>(second) * cdf_[first];
-            while (j < first && cdf_[j] <= target) ++j;
-            const float at = (static_cast<float>(j - 1) + (target - cdf_[j - 1]) / (cdf_[j] - cdf_[j - 1])) /
-                             static_cast<float>(first);
-            if (k) {
-                width[k - 1] = at - edge;
-                place[k - 1] = edge + 0.5f * (at - edge);
-            }
-            edge = at;
+        cdf_.resize(proposals() + 1);
+        edges_.resize(samples() + 1);
+        find_background_edges(density, first, second, cdf_.data(), edges_.data());
+        for (int k = 0; k < second; ++k) {
+            width[k] = edges_[k + 1] - edges_[k];
+            place[k] = edges_[k] + 0.5f * width[k];
         }
     }
 
@@ -232,7 +209,7 @@ class Background {
     std::vector<float> place_[2], density_[2], units_[2];
     std::vector<float> width_;                            // of the intervals around the places of the second
     std::vector<float> transmittance_after_;              // of each ray, through the background alone
-    std::vector<float> summed_, weight_, out_, cdf_;
+    std::vector<float> summed_, weight_, out_, cdf_, edges_;
 };
 
 } // namespace

@@ -138,6 +138,8 @@ def analytic_scene(
     def actor_values(tables: Tensor, x: Tensor, row: Tensor) -> FieldValues:
         return kind(actor_distance(tables, x, row))
 
+    for part in parts:  # the kernels query grids: they take the fields' own classes alone
+        part.__class__ = type(f"Analytic{type(part).__name__}", (type(part),), {})
     parts[0].values, parts[1].values = static_values, actor_values
     parts[0].forward = lambda x: (static_values(x), marks[:1].expand(len(x), -1))
     parts[1].forward = lambda tables, x, row: (actor_values(tables, x, row), marks[row + 1])

@@ -11,7 +11,9 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-ABI_VERSION = 15
+from .errors import UnisimError
+
+ABI_VERSION = 16
 VARIANT_VARIABLE = "UNISIM_NATIVE_VARIANT"
 """The variable of the environment that chooses the kernels' instruction set."""
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
@@ -36,6 +38,40 @@ class MlpStruct(ctypes.Structure):
     """`unisim_mlp` of native/unisim_native.h."""
 
     _fields_ = [*members(ctypes.c_int32, "inputs hidden outputs"), *members(ctypes.c_void_p, "w1 w2 bias")]
+
+
+class FieldStruct(ctypes.Structure):
+    """`unisim_field` of native/unisim_native.h."""
+
+    _fields_ = [
+        ("grid", GridStruct),
+        *members(ctypes.c_void_p, "table"),
+        *members(ctypes.c_int32, "half"),
+        ("net", MlpStruct),
+    ]
+
+
+class SceneStruct(ctypes.Structure):
+    """`unisim_scene` of native/unisim_native.h."""
+
+    _fields_ = [
+        *members(FieldStruct, "static_field background actor_fields"),
+        *members(ctypes.c_void_p, "volume_from_world"),
+        ("size", ctypes.c_float * 3),
+        *members(ctypes.c_float, "background_radius_m background_far_m beta"),
+        *members(ctypes.c_int32, "unisim_density"),
+        *members(ctypes.c_float, "density_step_m"),
+        *members(ctypes.c_void_p, "voxels clearance cells box_cells"),
+        ("voxel_shape", ctypes.c_int32 * 3),
+        *members(ctypes.c_float, "voxel_m decay_per_m"),
+        *members(ctypes.c_void_p, "ground"),
+        ("ground_shape", ctypes.c_int32 * 2),
+        *members(ctypes.c_float, "ground_m ground_clearance_m"),
+        ("light", ctypes.POINTER(MlpStruct)),
+        *members(ctypes.c_void_p, "light_home"),
+        *members(ctypes.c_float, "light_reach_m"),
+        *members(ctypes.c_void_p, "sample_head"),
+    ]
 
 
 class RaySegmentsStruct(ctypes.Structure):
@@ -84,7 +120,8 @@ class HeadStruct(ctypes.Structure):
 
 @functools.cache
 def library() -> ctypes.CDLL | None:
-    """The kernels, or None (with one warning) where they were not built. UNISIM_NATIVE=0 disables them."""
+    """The kernels, or None (with one warning) where they were not built. UNISIM_NATIVE=0 disables them. Raises `UnisimError`
+    where they were built from other sources."""
     if os.environ.get("UNISIM_NATIVE") == "0":
         return None
     path = Path(__file__).parent / f"_unisim_native{_SUFFIX}"
@@ -95,11 +132,12 @@ def library() -> ctypes.CDLL | None:
             f"the compiled kernels are not at {path} ({error}); plain torch takes their place, slowly", stacklevel=2
         )
         return None
-    if lib.unisim_abi_version() != ABI_VERSION:
-        warnings.warn(
-            f"{path} belongs to another version; plain torch takes its place, slowly: run make setup", stacklevel=2
+    version = lib.unisim_abi_version()
+    if version != ABI_VERSION:
+        raise UnisimError(
+            f"{path} was built from other sources (version {version}, these have {ABI_VERSION}): run make setup, or set "
+            "UNISIM_NATIVE=0 for plain torch, which is ten times slower"
         )
-        return None
     p, i64, i32, f32, f64 = ctypes.c_void_p, ctypes.c_int64, ctypes.c_int, ctypes.c_float, ctypes.c_double
     lib.unisim_variant.restype = ctypes.c_char_p
     lib.unisim_encode_forward.argtypes = [p, p, p, i64, p, p, i32]
@@ -107,6 +145,8 @@ def library() -> ctypes.CDLL | None:
     lib.unisim_encode_backward_input.argtypes = [p, p, p, i64, p, p, p, i32]
     lib.unisim_propose.argtypes = [p, p, p, p, i64, p, p, p, p, f32, f32, p, i32, p, p, i32]
     lib.unisim_refine.argtypes = [p, p, p, i64, i32, f32, f32, p, i32, p, i32]
+    lib.unisim_place_static.argtypes = [p, p, p, p, p, i64, p, p, p, i64, p, i32, f32, p, i32, p, p, i32]
+    lib.unisim_place_background.argtypes = [p, p, p, p, i64, p, i32, p, i32, p, p, i32]
     lib.unisim_mlp_forward.argtypes = [p, p, i64, p, i32]
     lib.unisim_mlp_backward.argtypes = [p, p, i64, p, p, p, p, p, i32]
     lib.unisim_adam.argtypes = [p, i32, f32, f32, i32]

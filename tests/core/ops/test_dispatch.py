@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from unisim_blender.core import native, ops
+from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.ops import density, encode, field, near_spheres
 from unisim_blender.core.ops.dispatch import Operation, on_cpu, on_cpu_or_gpu
 from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
@@ -105,3 +106,12 @@ def test_an_implementation_from_outside_comes_first_where_it_applies(monkeypatch
         near = near_spheres.near_spheres(*arguments)
         assert torch.equal(near, own.implementation("reference")(*arguments))
     assert seen == [2]
+
+
+@pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")
+def test_kernels_of_other_sources_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plain torch in their place would train ten times slower, and nobody would notice."""
+    monkeypatch.setattr(native, "ABI_VERSION", native.ABI_VERSION + 1)
+    monkeypatch.delenv("UNISIM_NATIVE", raising=False)
+    with pytest.raises(UnisimError, match=r"_unisim_native.* was built from other sources .*: run make setup"):
+        native.library.__wrapped__()

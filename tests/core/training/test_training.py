@@ -264,9 +264,8 @@ def test_the_loss_falls_on_a_street(street: Log) -> None:
     config = replace(SMALL, frames=(0, 1), iterations=steps, patches=4, lidar_rays=256, rate_tables=(3e-2, 3e-2))
     trainer = Trainer(street, config)
     metrics = [trainer.step() for _ in range(steps)]
-    first, last = (
-        {name: np.mean([f[name] for f in part]) for name in metrics[0]} for part in (metrics[:15], metrics[-15:])
-    )
+    names = ("psnr", "depth", "intensity", "lidar_m")
+    first, last = ({name: np.mean([f[name] for f in part]) for name in names} for part in (metrics[:15], metrics[-15:]))
     assert last["psnr"] > first["psnr"] + 0.7, (first, last)
     for name, left in (("depth", 0.3), ("intensity", 0.25), ("lidar_m", 0.5)):
         assert last[name] < left * first[name], (name, first, last)

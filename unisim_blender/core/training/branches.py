@@ -262,10 +262,13 @@ class LossBranches:
             terms = swept.terms
             self._backward(start, terms)
             metrics["lidar_m"] = float(swept.error_m)
-        if unobserved := self.unobserved(start):
+        # these two take turns, at twice their weights
+        even = start.iteration % 2 == 0
+        unobserved = {} if even else _twice(self.unobserved(start))
+        if unobserved:
             self._backward(start, unobserved)
         seen = start.seen.result()
-        slopes = {} if swept is None else self.slopes(start, swept, seen)
+        slopes = _twice(self.slopes(start, swept, seen)) if even and swept is not None else {}
         if slopes:
             self._backward(start, slopes)
         if swept is not None and self.lidar_follows:
@@ -410,6 +413,10 @@ class LossBranches:
             return value
 
         return move(batch)
+
+
+def _twice(terms: dict[str, Tensor]) -> dict[str, Tensor]:
+    return {name: 2 * value for name, value in terms.items()}
 
 
 def _values(terms: dict[str, Tensor]) -> dict[str, float]:

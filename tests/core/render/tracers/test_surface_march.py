@@ -45,7 +45,7 @@ from unisim_blender.core.ops.density import logistic_intervals
 from unisim_blender.core.ops.transmittances import weights_from_tau
 from unisim_blender.core.render.quality import QUALITIES, Quality
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
-from unisim_blender.core.render.tracers.compiled.structs import SamplingStruct, SceneStruct, address, floats
+from unisim_blender.core.render.tracers.compiled.structs import SamplingStruct, address, floats
 from unisim_blender.core.render.tracers.compiled.tracer import (
     MIN_SLOPE,
     MIN_SPLIT_WEIGHT,
@@ -179,7 +179,7 @@ class Kernel:
         library = native.library()
         assert library is not None
         self.library, self.in_box = library, isinstance(where, ActorBox)
-        self.struct = SceneStruct(beta=beta)
+        self.struct = native.SceneStruct(beta=beta)
         self.kept: list[Any] = []
         if isinstance(where, ActorBox):
             self.kept.append(np.ascontiguousarray(where.kinds))

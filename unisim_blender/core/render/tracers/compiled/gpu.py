@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ....cuda_driver import BLOCK, Gpu, GpuMemory, GpuMemoryError
 from ....errors import UnisimError
 from ....meshes.hits import MeshHits
-from ....native import BlockToleranceStruct, HeadStruct, LayerStruct, MlpStruct, PlaneStruct
+from ....native import BlockToleranceStruct, HeadStruct, LayerStruct, MlpStruct, PlaneStruct, SceneStruct
 from ....sensors.camera import camera_rays, line_times, pixel_directions, pixel_grid
 from ....sensors.frames import RenderStats
 from ....sensors.lidar import column_azimuths, column_times, lidar_rays
@@ -39,7 +39,6 @@ from .structs import (
     MeshHitsStruct,
     RaysStruct,
     SamplingStruct,
-    SceneStruct,
     TraceResultStruct,
     doubles,
 )

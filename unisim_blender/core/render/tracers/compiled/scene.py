@@ -47,10 +47,11 @@ from ....model.shapes import (
     stored_voxels,
 )
 from ....model.volume import Volume
+from ....native import FieldStruct, SceneStruct
 from ....ops.constants import DECAY_PER_M, GROUND_CELL_M, GROUND_CLEARANCE_M, GROUND_LIGHT_RADIUS_M
 from ....ops.grid_shape import GridArrays, GridShape
 from .decoder import Decoder
-from .structs import FieldStruct, SceneStruct, address, doubles, floats
+from .structs import address, doubles, floats
 
 BOX_CELLS = 16
 CELLS_VERSION = 10

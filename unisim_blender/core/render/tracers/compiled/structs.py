@@ -8,47 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....native import GridStruct, MlpStruct
+from ....native import SceneStruct
 
 _P, _I32, _I64, _F32 = ctypes.c_void_p, ctypes.c_int32, ctypes.c_int64, ctypes.c_float
-
-
-class FieldStruct(ctypes.Structure):
-    """`unisim_field`."""
-
-    _fields_ = [("grid", GridStruct), ("table", _P), ("half", _I32), ("net", MlpStruct)]
-
-
-class SceneStruct(ctypes.Structure):
-    """`unisim_scene`."""
-
-    _fields_ = [
-        ("static_field", FieldStruct),
-        ("background", FieldStruct),
-        ("actor_fields", FieldStruct),
-        ("volume_from_world", _P),
-        ("size", _F32 * 3),
-        ("background_radius_m", _F32),
-        ("background_far_m", _F32),
-        ("beta", _F32),
-        ("unisim_density", _I32),
-        ("density_step_m", _F32),
-        ("voxels", _P),
-        ("clearance", _P),
-        ("cells", _P),
-        ("box_cells", _P),
-        ("voxel_shape", _I32 * 3),
-        ("voxel_m", _F32),
-        ("decay_per_m", _F32),
-        ("ground", _P),
-        ("ground_shape", _I32 * 2),
-        ("ground_m", _F32),
-        ("ground_clearance_m", _F32),
-        ("light", ctypes.POINTER(MlpStruct)),
-        ("light_home", _P),
-        ("light_reach_m", _F32),
-        ("sample_head", _P),
-    ]
 
 
 class ActorSetStruct(ctypes.Structure):

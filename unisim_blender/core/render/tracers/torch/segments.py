@@ -22,6 +22,7 @@ from ....ops.quantiles import refine_by_density, refine_quantiles, stratified
 from ....ops.ray_segments import ActorSegments, CopiedBoxSegments, MeshSegments, RayBatch, StaticSegments
 from ...tracer import NEAR_M
 from .actor_tensors import ActiveActorTensors, ActorSetTensors
+from .places import BoxSpans, are_compiled, static_places
 
 _LOOKUPS_PER_INTERVAL = 3
 """Number of places between two samples at which the voxels are looked up for the free part of the way."""
@@ -136,6 +137,15 @@ class StaticMask:
         height = x[:, 2] - self.scene.ground.height(x)
         return values.cleared(torch.full_like(t, -torch.inf).index_put((rows, columns), height))
 
+    def spans(self) -> BoxSpans | None:
+        """Return the parts of rays in which nothing but the ground is there; None where it takes more to tell them."""
+        if self.active.removals is not None or len(self.actors) > 1:
+            return None
+        if not self.actors:
+            ray = torch.zeros(0, dtype=torch.long)
+            return BoxSpans(ray, ray.float(), ray.float())
+        return BoxSpans(self.actors[0].ray, self.actors[0].t_near, self.actors[0].t_far)
+
     def _inside(self, ray: Tensor, t: Tensor) -> Tensor:
         """Return which samples t (P, K) of rays (P,) lie in the box of an actor that the ray hits, or in a removed one:
         (P, K) bool."""
@@ -168,26 +178,34 @@ def static_segments(scene: SceneModel, mask: StaticMask, rays: RayBatch, samplin
         t_near = torch.minimum(torch.maximum(t_near, rays.starts), t_far)
     n, samples = len(rays), scene.config.samples
     u = stratified(n, sampling.count(samples.static_proposals), sampling.jitter, o, sampling.generator)
+    jitter = stratified(n, sampling.count(samples.static), sampling.jitter, o, sampling.generator)
     longest_m = None if sampling.padding is None else scene.frame.diagonal_m
+    spans, there = RaySpans(o, d, t_near, t_far, longest_m), None
+    boxes = mask.spans() if sampling.padding is None and are_compiled(scene, o) else None
     with torch.no_grad():
-        t, mass = propose(scene.occupancy.voxels, RaySpans(o, d, t_near, t_far, longest_m), u)
-        occupied, there = (mass > 0) & (t_far > t_near), None
+        if boxes is not None:
+            t, mass = static_places(scene, spans, boxes, u, jitter)
+        else:
+            t, mass = propose(scene.occupancy.voxels, spans, u)
+        occupied = (mass > 0) & (t_far > t_near)
         if sampling.padding is None:
             # free space: rays that hit no occupied voxel take no sample
             ray = torch.nonzero(occupied)[:, 0]
-            u, t, t_near, t_far = u[ray], t[ray], t_near[ray], t_far[ray]
         else:
             ray, there = torch.arange(n, device=o.device), occupied
-    if there is None:
+        if len(ray) < n:
+            t = t[ray]
+    if len(ray) < n:
         # camera corrections take gradients from where samples lie
         o, d = o[ray], d[ray]
-    with torch.no_grad():
-        spans = RaySpans(o, d, t_near, t_far, longest_m)
-        points = along(o, d, t)
-        values = mask.apply(scene.static.values(points.reshape(-1, 3)).view(t.shape), ray, t, points)
-        jitter = stratified(len(ray), sampling.count(samples.static), sampling.jitter, o, sampling.generator)
-        quantiles = refined(scene, values, u, t, lambda: occupied_lengths(scene, o, d, t), jitter)
-        t, _ = propose(scene.occupancy.voxels, spans, quantiles)
+    if boxes is None:
+        with torch.no_grad():
+            if len(ray) < n:
+                u, jitter, t_near, t_far = u[ray], jitter[ray], t_near[ray], t_far[ray]
+            points = along(o, d, t)
+            values = mask.apply(scene.static.values(points.reshape(-1, 3)).view(t.shape), ray, t, points)
+            quantiles = refined(scene, values, u, t, lambda: occupied_lengths(scene, o, d, t), jitter)
+            t, _ = propose(scene.occupancy.voxels, RaySpans(o, d, t_near, t_far, longest_m), quantiles)
     points = along(o, d, t)
     values, feature = scene.static(points.reshape(-1, 3))
     feature = scene.directed(feature, rays.directions[ray].repeat_interleave(t.shape[1], 0))

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
 from ....meshes.hits import MeshHits
@@ -23,6 +22,7 @@ from ....ops.segment_trace import BackgroundTrace, SegmentTrace
 from ....ops.transmittances import weights_from_tau
 from ...tracer import NEAR_M
 from .actor_tensors import ActiveActorTensors
+from .places import background_places, disparity
 from .segments import Sampling, StaticMask, actor_segments, along, copied_segments, mesh_segments, only, static_segments
 
 
@@ -83,8 +83,13 @@ def background_along(scene: SceneModel, rays: RayBatch, sampling: Sampling, reac
     o, d = scene.frame.points(rays.origins[ray]), scene.frame.vectors(rays.directions[ray])
     _, t_far = scene.frame.span(o, d, NEAR_M)
     t0 = t_far.clamp_min(NEAR_M)[:, None]
-    u, width = _places(scene, o, d, t0, sampling)
-    t = _disparity(u, t0, scene.config.far_m)
+    samples = scene.config.samples
+    u, within = (
+        stratified(len(o), sampling.background_count(count), sampling.jitter, o, sampling.generator)
+        for count in (samples.background_proposals, samples.background)
+    )
+    u, width = background_places(scene, o, d, t0, u, within)
+    t = disparity(u, t0, scene.config.far_m)
     density, feature = scene.background(along(o, d, t).reshape(-1, 3))
     tau = only(there, density.view(u.shape) * width)
     before, after = weights_from_tau(tau)
@@ -96,35 +101,6 @@ def background_along(scene: SceneModel, rays: RayBatch, sampling: Sampling, reac
         sky = scene.directed(scene.background.sky(d), directions)
         feature = feature + only(there, after[:, None]) * sky
     return Background(ray, t, tau, weight, before, after, feature)
-
-
-def _disparity(u: Tensor, t0: Tensor, far_m: float) -> Tensor:
-    """Return the distances (N, K) at fractions u (N, K) of the way from t0 (N, 1) to ``far_m``, even in disparity."""
-    return 1 / ((1 - u) / t0 + u / far_m)
-
-
-@torch.no_grad()
-def _places(scene: SceneModel, o: Tensor, d: Tensor, t0: Tensor, sampling: Sampling) -> tuple[Tensor, Tensor]:
-    """Return the places behind the volume, whose end is t0 (N, 1), at which the background model is queried, as
-    fractions of disparity (N, K), and the lengths (N, K) of the intervals around them: most where a first, even set of
-    densities is high."""
-    samples = scene.config.samples
-    proposals = sampling.background_count(samples.background_proposals)
-    count = sampling.background_count(samples.background)
-    u = stratified(len(o), proposals, sampling.jitter, o, sampling.generator)
-    x = along(o, d, _disparity(u, t0, scene.config.far_m))
-    tau = scene.background.density(x.reshape(-1, 3)).view(u.shape) / proposals
-    weight = weights_from_tau(tau)[0] * -torch.expm1(-tau) + 1e-3
-    cdf = F.pad((0.8 * weight / weight.sum(-1, keepdim=True) + 0.2 / proposals).cumsum(-1), (1, 0))
-    cdf = cdf / cdf[:, -1:]
-    ends = torch.linspace(0, 1, count + 1, device=o.device, dtype=o.dtype).expand(len(o), -1).contiguous()
-    j = torch.searchsorted(cdf, ends, right=True).clamp(1, proposals)
-    c0, c1 = cdf.gather(1, j - 1), cdf.gather(1, j)
-    edges = (j - 1 + (ends - c0) / (c1 - c0)) / proposals
-    width = torch.diff(edges, dim=-1)
-    inside = stratified(len(o), count, sampling.jitter, o, sampling.generator) * count
-    inside = inside - torch.arange(count, device=o.device)
-    return edges[:, :-1] + inside * width, width
 
 
 def trace(
