@@ -49,6 +49,7 @@ STATED: dict[str, dict[str, Any]] = {
             "sensors": {"exposure_s": 0.01},
         }
     },
+    "light": {"light": {"sun": {"azimuth_deg": -136, "elevation_deg": 54, "strength": 0.7}}},
     "formats": {"description": "A drive", "outputs": {"passes": ["rgb"], "formats": ["png"], "quality": "fine"}},
 }
 

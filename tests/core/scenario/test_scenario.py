@@ -72,6 +72,13 @@ EVERYTHING: dict[str, Any] = {
         "seed": 4,
         "sensors": {"pulse_ns": 6, "divergence_mrad": 1.5, "exposure_s": 0.01, "threshold": 0.2, "overlap_m": 4},
     },
+    "light": {
+        "sun": {
+            "azimuth_deg": [{"time_s": 0, "value": -140}, {"time_s": 2, "value": -120}],
+            "elevation_deg": 50,
+            "strength": 0.6,
+        }
+    },
     "edits": [
         {"type": "remove", "actor": "car-01"},
         {
@@ -319,6 +326,12 @@ def test_paths_are_relative_to_the_file(tmp_path: Path) -> None:
             ("weather", "visibility_m", 1, "time_s"),
             0,
             "s.json: weather.visibility_m[1].time_s: 0 s must lie after the key before, 0 s, by a microsecond",
+        ),
+        (("light", "sun", "elevation_deg"), 0, "s.json: light.sun.elevation_deg: 0 is less than the minimum of 2"),
+        (
+            ("light", "sun", "azimuth_deg", 1, "time_s"),
+            0,
+            "s.json: light.sun.azimuth_deg[1].time_s: 0 s must lie after the key before, 0 s, by a microsecond",
         ),
         (("weather", "hail"), 1, "s.json: weather: Additional properties are not allowed ('hail' was unexpected)"),
         (("outputs", "passes"), ["rgb", "smell"], "s.json: outputs.passes[1]: 'smell' is not one of"),

@@ -8,7 +8,7 @@ from dataclasses import asdict
 import bpy
 import numpy as np
 
-from ...core.scenario.weather import ReceiverSpec, WeatherKey, WeatherSpec, weather_of
+from ...core.scenario.weather import ReceiverSpec, ValueKey, WeatherSpec, weather_of
 from ...core.world.weather import KEYED
 from ...editing.sampled.clock import Clock
 from .animation import curves_of
@@ -44,7 +44,7 @@ def scene_weather(scene: bpy.types.Scene) -> WeatherSpec | None:
     return WeatherSpec(**stated, seed=about.seed or None, sensors=sensors)
 
 
-def _value(scene: bpy.types.Scene, name: str, clock: Clock) -> float | tuple[WeatherKey, ...] | None:
+def _value(scene: bpy.types.Scene, name: str, clock: Clock) -> float | tuple[ValueKey, ...] | None:
     clear = NONE.get(name, 0.0)
     curve = next((curve for curve in curves_of(scene) if curve.data_path == weather_path(name)), None)
     if curve is None or not len(curve.keyframe_points):
@@ -56,7 +56,7 @@ def _value(scene: bpy.types.Scene, name: str, clock: Clock) -> float | tuple[Wea
     if set(at) == {clear}:
         return None
     times = np.round(clock.time_s(frames), 6)
-    return tuple(WeatherKey(time_s, value) for time_s, value in zip(times.tolist(), at, strict=True))
+    return tuple(ValueKey(time_s, value) for time_s, value in zip(times.tolist(), at, strict=True))
 
 
 def apply_weather(scene: bpy.types.Scene, spec: WeatherSpec | None, clock: Clock) -> None:

@@ -18,10 +18,19 @@ from ..sensors.rays import Rays
 from ..sensors.silhouettes import covered
 from ..world.classes import motion_of
 from ..world.drive import Actor, Box, Camera, Lidar
+from ..world.light import Sun
 from ..world.replay import WorldState
 from .lattice import Region
 from .renderer import Renderer
-from .visibility import BOX_SLACK_M, EXPOSURE_MOMENTS, STATIC_SLACK_M, Reach, beside_lines_of_sight, copy_box
+from .visibility import (
+    BOX_SLACK_M,
+    EXPOSURE_MOMENTS,
+    STATIC_SLACK_M,
+    Reach,
+    beside_lines_of_sight,
+    copy_box,
+    shadow_reach_m,
+)
 
 ItemT = TypeVar("ItemT")
 APPEARANCE_MEMBERS = ("label", "appearance", "is_moving", "inserted", "is_ego_body", "scale")
@@ -85,6 +94,13 @@ class SweptBox:
     poses: FloatArray
     size_m: FloatArray
 
+    def shadow(self, sun: Sun, beside_m: float) -> SweptBox:
+        """Return what the shadow of the box covers on its way, and what is within ``beside_m`` of it."""
+        cast = shadow_reach_m(sun, self.size_m) * sun.direction * sun.casts
+        poses = self.poses.copy()
+        poses[:, :3, 3] -= cast / 2
+        return SweptBox(self.times_s, poses, self.size_m + np.abs(cast @ poses[:, :3, :3]).max(0) + 2 * beside_m)
+
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Return one box that holds all of it: pose (4, 4) in the world, size (3,)."""
         pose = self.poses[len(self.poses) // 2].copy()
@@ -126,6 +142,10 @@ def changed_regions(
     if static is None:
         return None
     swept = _swept(renderer, actors, static, state, trajectory.times_s)
+    suns = {each.light.sun for each in (before.state, state) if each.light is not None}
+    if len(suns) > 1:
+        return None
+    swept += [box.shadow(sun, renderer.reach.changed_m) for sun in suns for box in swept]
     swept += _relit(renderer, state, camera, actors, swept)
     regions = [box.region(camera, state.start_s, state.end_s, after.margin) for box in swept]
     return joined_where_cheaper([region for region in regions if region.area])

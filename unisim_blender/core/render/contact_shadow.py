@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..colour import linear_from_srgb, srgb_from_linear
 from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
-from ..world.drive import Actor
+from ..world.drive import Actor, Box
 from ..world.replay import WorldState
 
 MAX_DARKENING = 0.6
@@ -45,28 +45,35 @@ def shaded(
     show no actor.
     """
     assert points.shape == rgb.shape and ground.shape == rgb.shape[:2], (rgb.shape, points.shape, ground.shape)
-    light = np.ones(rgb.shape[:2])
-    flat = points.reshape(-1, 3)
-    for actor in actors:
-        if not actor.present(time_s):
-            continue
-        pose = actor.world_from_actor.at(time_s)
-        half = np.asarray(actor.size_m) / 2
-        near = np.abs(flat - pose[:3, 3]).max(1) < half.max() + SHADOW_CUTOFF_M
+    boxes = [Box(actor.world_from_actor.at(time_s), actor.size_m) for actor in actors if actor.present(time_s)]
+    light = np.where(ground, contact_light(points.reshape(-1, 3), boxes).reshape(ground.shape), 1.0)
+    return rgb if light.min() == 1.0 else dimmed(rgb, light[..., None])
+
+
+def contact_light(points: FloatArray, boxes: Iterable[Box]) -> FloatArray:
+    """Return the part (N,) of light that boxes near points (N, 3), world frame, let through."""
+    light = np.ones(len(points))
+    for box in boxes:
+        pose, half = box.world_from_box, np.asarray(box.size_m) / 2
+        near = np.abs(points - pose[:3, 3]).max(1) < half.max() + SHADOW_CUTOFF_M
         if not near.any():
             continue
-        x, y, z = transform_points(invert_pose(pose), flat[near]).T
+        x, y, z = transform_points(invert_pose(pose), points[near]).T
         beside = np.hypot(
             np.maximum(np.abs(x) - FOOTPRINT_SCALE * half[0], 0), np.maximum(np.abs(y) - FOOTPRINT_SCALE * half[1], 0)
         )
         height = np.abs(z + half[2])
         blocked = MAX_DARKENING * np.exp(-(beside + height) / SHADOW_DECAY_M)
-        light.reshape(-1)[near] *= 1 - blocked
-    light = np.where(ground, light, 1.0)
-    if light.min() == 1.0:
-        return rgb
-    dark = srgb_from_linear(linear_from_srgb(np.clip(rgb, 0, 1)) * light[..., None].astype(np.float32))
-    return np.where((light < 1.0)[..., None], dark, rgb)
+        # what is further away depends on nothing here: it may not have been rendered again
+        light[near] *= 1 - np.where(np.maximum(beside, height) < SHADOW_CUTOFF_M, blocked, 0)
+    return light
+
+
+def dimmed(rgb: NDArray[np.float32], light: FloatArray) -> NDArray[np.float32]:
+    """Return an image (H, W, 3), display-referred sRGB, with ``light`` (H, W, 3) or (H, W, 1) times its linear colours;
+    where that is 1, the bits are the image's."""
+    changed = srgb_from_linear(np.minimum(linear_from_srgb(np.clip(rgb, 0, 1)) * light.astype(np.float32), 1))
+    return np.where((light != 1.0).any(-1, keepdims=True), changed, rgb)
 
 
 def displaced(state: WorldState, recorded: Mapping[str, Actor] | None) -> list[Actor]:

@@ -5,7 +5,7 @@ Backend.bind                the scene, ready for this state                trace
 hit_by_camera, hit_by_rays  where rays hit meshes                         meshes/
 Tracer.trace                samples, fields, depth order, passes
 Tracer.image, returns       features to pixels, to intensity and returns
-shaded, fill_passes         contact shadows, cells to pixels               contact_shadow.py, lattice.py
+_shaded, fill_passes        shadows, cells to pixels         contact_shadow.py, sun_shadow.py, lattice.py
 _finished, finish           weather                                        weather/
 
 Numpy alone: whatever a backend computes with, the renderer is given it. A renderer knows neither drives nor frames:
@@ -41,9 +41,10 @@ from ..weather.spray import Puffs, spray
 from ..world.drive import Actor, Camera, Lidar
 from ..world.replay import WorldState
 from .confidence import RecordedDepth, ViewEvidence, probability
-from .contact_shadow import SHADOW_CUTOFF_M, displaced, faded, shaded
+from .contact_shadow import SHADOW_CUTOFF_M, dimmed, displaced, faded, shaded
 from .lattice import NEAR_BOXES, Region, SparseImage, Tile, aligned, fill_passes, progressive_strides
 from .quality import QUALITIES, Quality
+from .sun_shadow import GroundBeside, SunShadows, sun_shadows
 from .tracer import NEAR_M, Array, Backend, Maps, Tracer
 from .visibility import Reach
 
@@ -78,6 +79,10 @@ class _Exposure:
     """Actors with contact shadows under them."""
     displaced: dict[int, Actor] = field(default_factory=dict)
     """Actors whose ground fades, by instance."""
+    shadows: SunShadows | None = None
+    """Shadows that edits have moved, where the sun is known."""
+    beside: GroundBeside | None = None
+    """The ground beside what is gone, once it is needed."""
     begun: float = field(default_factory=time.perf_counter)
     stats: RenderStats = field(default_factory=RenderStats)
     launched: Callable[[RenderStats], Maps | None] | None = None
@@ -94,9 +99,14 @@ class _Exposure:
     """Drops and flakes in the image, once they are drawn."""
 
     @property
+    def is_shaded(self) -> bool:
+        """Whether there are shadows to put into the image."""
+        return bool(self.shadowing) or self.shadows is not None
+
+    @property
     def needs_rays(self) -> bool:
-        """Whether the frame is finished by its rays: for contact shadows and for confidence."""
-        return bool(self.shadowing) or "confidence" in self.passes
+        """Whether the frame is finished by its rays: for shadows and for confidence."""
+        return self.is_shaded or "confidence" in self.passes
 
 
 class _Binding:
@@ -146,6 +156,7 @@ class Renderer:
     ) -> None:
         self.backend, self.shadows, self._recorded_depth = backend, shadows, recorded_depth
         self._bound = _Binding(backend)
+        self._blockers = {name: _Binding(backend) for name in ("edited", "recorded", "bare")}
         self._behind, self._empty = _Binding(backend), _Binding(backend)
         self._air: dict[tuple[object, ...], camera_weather.Air] = {}
         self._lighting = self._bound if lighting is None or lighting is backend else _Binding(lighting)
@@ -268,6 +279,7 @@ class Renderer:
         tracer = self.tracer(state)
         return (
             state.weather is None
+            and state.light is None
             and _alone(tracer)
             and not tracer.active.mesh_actors.seen_by(camera).actors
             and not self._shadowing(state, camera)
@@ -287,15 +299,18 @@ class Renderer:
     def _expose(self, state: WorldState, camera: Camera, time_s: float, passes: Sequence[str]) -> _Exposure:
         shadowing, tracer = self._shadowing(state, camera), self.tracer(state)
         recorded = getattr(self.backend, "recorded_actors", None)  # trained scenes have it
+        shadows = sun_shadows(state, camera, recorded, self.backend.parked)
+        if shadows is not None:
+            shadowing = list({actor.uid: actor for actor in (*shadowing, *shadows.actors)}.values())
         moved = {
             tracer.active.uids.index(actor.uid) + 1: actor
             for actor in displaced(state, recorded)
             if actor.uid in tracer.active.uids
         }
-        needed = _needed(self._with_evidence(passes), bool(shadowing or moved))
+        needed = _needed(self._with_evidence(passes), bool(shadowing or moved or shadows))
         needed |= WEATHER_MAPS if state.weather is not None else set()
         undeciding = needed - _needed(set(passes) - {"confidence"}, False)
-        exposure = _Exposure(tracer, state, camera, time_s, passes, needed, undeciding, shadowing, moved)
+        exposure = _Exposure(tracer, state, camera, time_s, passes, needed, undeciding, shadowing, moved, shadows)
         if state.weather is not None:
             exposure.air = self.air(state, camera, time_s)
         return exposure
@@ -307,7 +322,7 @@ class Renderer:
         path = camera.world_from_camera.between(*exposure_window(camera, time_s))
         key = (small.sensor_id, small.model_at(time_s), small.full_width, path.content(), time_s, self.quality)
         if key not in self._air:
-            empty = replace(state, actors=(), static_copies=(), removed_boxes=(), weather=None)
+            empty = replace(state, actors=(), static_copies=(), removed_boxes=(), weather=None, light=None)
             tracer = self._empty.tracer(empty, self.quality)
             clear = _Exposure(tracer, empty, small, time_s, ("rgb", "depth"), {"depth"})
             (tile,) = self._tiles(clear, Region.of_image(small.model))
@@ -490,7 +505,7 @@ class Renderer:
             inner = part.within((rows, columns), 1)
             maps = {name: x[inner].reshape(-1, *x.shape[2:]) for name, x in values.items()}
             across, down = u[:, inner[1]], v[inner[0]]
-            finishes = exposure.needs_rays if finished is not None else bool(exposure.shadowing)
+            finishes = exposure.needs_rays if finished is not None else exposure.is_shaded
             rays = camera_rays(camera, time_s, *np.broadcast_arrays(across, down)) if finishes else None
             along: FloatArray | Array | None = None
             if "depth" in maps:
@@ -566,12 +581,16 @@ class Renderer:
         moved = {actor.uid for actor in exposure.displaced.values()}
         state = exposure.state.restricted([a.uid for a in exposure.state.actors if a.uid not in moved])
         tracer = self._behind.tracer(state, self.quality)
-        without = replace(exposure, tracer=tracer, state=state, needed=set(), shadowing=[], displaced={})
+        without = replace(exposure, tracer=tracer, state=state, needed=set(), shadowing=[], displaced={}, shadows=None)
         shape = cells[0].shape
         if up == 1 and tracer.reach == 0:
             few = Rays(rays.origins[some], rays.directions[some], rays.time_s[some])
             u, v = (np.broadcast_to(x, shape).reshape(-1)[some][None] for x in cells)
-            colours = self._seen(without, (u, v), few, up)[0].reshape(-1, 3)
+            colours = self._seen(without, (u, v), few, up)[0].reshape(1, -1, 3)
+            if exposure.shadows is not None:
+                on_ground = np.zeros(len(some), np.int32)
+                colours = dimmed(colours, self._sunlight(exposure, few, depth[some], on_ground, colours[0])[None])
+            colours = colours[0]
             flat = image.reshape(-1, 3)
             flat[some] += share[some, None] * (colours - flat[some])
             return
@@ -593,7 +612,7 @@ class Renderer:
         is for depths (`fill_passes`)."""
         camera, time_s = exposure.camera, exposure.time_s
         up = exposure.tracer.upsample
-        if exposure.shadowing:
+        if exposure.is_shaded:
             assert rays is not None
             image = self._shaded(exposure, image, rays, maps)
         exposure.stats.seconds["image"] = time.perf_counter() - exposure.begun
@@ -660,22 +679,14 @@ class Renderer:
     def _light(self, exposure: _Exposure, actor: Actor) -> FloatArray:
         """Return the brightness (3,), linear, of white ground under an actor, estimated from the ground beside it in
         the camera's colours."""
-        camera, time_s = exposure.camera, exposure.time_s
-        points = beside(actor, time_s)
+        points = beside(actor, exposure.time_s)
         points[:, 2] -= exposure.tracer.heights(points)
-        to = points - camera.world_from_camera.at(time_s)[:3, 3]
-        distance = np.linalg.norm(to, axis=1, keepdims=True)
-        directions = to / distance
-        rays = Rays(points - directions * np.minimum(distance, PROBE_M), directions, np.full(len(points), time_s))
         tracer = self._lighting.tracer(exposure.state, self.quality)
-        traced = tracer.trace(rays, {"instance", "depth"}, True, None, RenderStats())
-        # one row of cells: a decoder that reads neighbours sees ground on both sides
-        rgb = tracer.image(traced, directions, camera.sensor_id, (1, len(points)))[0, :: tracer.upsample]
-        rgb = self._lighting.exposed(rgb, camera.sensor_id, time_s)
-        return level_of(rgb[(traced.maps["instance"] == 0) & (traced.maps["depth"] < 2 * PROBE_M)])
+        rgb, depth = self._probed(exposure, points, self._lighting, tracer)
+        return level_of(rgb[depth < 2 * PROBE_M])
 
     def _shaded(self, exposure: _Exposure, image: NDArray[np.float32], rays: Rays, maps: Maps) -> NDArray[np.float32]:
-        """Return the image of rays (h, w) with contact shadows on the ground."""
+        """Return the image of rays (h, w) with contact shadows on the ground, and the sun's shadows that edits move."""
         up = exposure.tracer.upsample
         depth = maps["depth"].reshape(rays.time_s.shape).astype(np.float64)
         points = rays.origins + rays.directions * np.where(np.isfinite(depth), depth, 1e6)[..., None]
@@ -683,7 +694,72 @@ class Renderer:
         points, ground = (
             np.repeat(np.repeat(x, up, 0), up, 1)[: image.shape[0], : image.shape[1]] for x in (points, ground)
         )
-        return shaded(image, points, ground, exposure.shadowing, exposure.time_s)
+        shape = *rays.time_s.shape, 3
+        rgb = image[up // 2 :: up, up // 2 :: up].reshape(-1, 3)
+        image = shaded(image, points, ground, exposure.shadowing, exposure.time_s)
+        if exposure.shadows is None:
+            return image
+        light = self._sunlight(exposure, rays.flat(), depth.reshape(-1), maps["instance"], rgb).reshape(shape)
+        light = np.repeat(np.repeat(light, up, 0), up, 1)[: image.shape[0], : image.shape[1]]
+        return dimmed(image, light)
+
+    def _sunlight(
+        self, exposure: _Exposure, rays: Rays, depth: FloatArray, instance: NDArray[np.int32], rgb: NDArray[np.float32]
+    ) -> FloatArray:
+        """Return the factors (N, 3) by which edits change the light of what flat rays hit at depths (N,) and show as
+        ``rgb`` (N, 3)."""
+        shadows, out = exposure.shadows, np.ones((len(depth), 3))
+        assert shadows is not None
+        solid = np.flatnonzero(np.isfinite(depth))
+        rays = Rays(rays.origins[solid], rays.directions[solid], rays.time_s[solid])
+        states = {"edited": shadows.edited, "recorded": shadows.recorded}
+
+        def facing(some: NDArray[np.bool_]) -> FloatArray:
+            part = Rays(rays.origins[some], rays.directions[some], rays.time_s[some])
+            hits = exposure.tracer.active.mesh_actors.seen_by(exposure.camera).hit_by_rays(part, NEAR_M)
+            normals = exposure.tracer.trace(part, {"normal"}, False, hits, RenderStats()).maps["normal"]
+            return np.asarray(normals, np.float64)
+
+        points = rays.origins + rays.directions * depth[solid, None]
+        tracers = {name: self._blockers[name].tracer(state, self.quality) for name, state in states.items()}
+        uids = exposure.tracer.active.uids
+        factors = shadows.factors(points, rays.time_s, uids, instance[solid], facing, tracers)
+        lighter = np.flatnonzero(factors.max(1) > 1)
+        if len(lighter):
+            if exposure.beside is None:
+                exposure.beside = self._ground_beside(exposure, shadows)
+            brightness = linear_from_srgb(rgb[solid[lighter]]).mean(1).astype(np.float64)
+            ring, time_s, recorded = exposure.beside, exposure.time_s, tracers["recorded"]
+            factors[lighter] = shadows.capped(factors[lighter], points[lighter], brightness, ring, time_s, recorded)
+        out[solid] = factors
+        return out
+
+    def _ground_beside(self, exposure: _Exposure, shadows: SunShadows) -> GroundBeside:
+        """Return the ground beside what is gone, in the camera's colours."""
+        tracer = self._blockers["bare"].tracer(shadows.bare, self.quality)
+        points = shadows.ring.copy()
+        if not len(points):
+            return GroundBeside(points, np.zeros(0))
+        points[:, 2] -= tracer.heights(points)
+        rgb, depth = self._probed(exposure, points, self._blockers["bare"], tracer)
+        brightness = linear_from_srgb(rgb).mean(1).astype(np.float64)
+        return GroundBeside(points, np.where(depth < 2 * PROBE_M, brightness, np.nan))
+
+    def _probed(
+        self, exposure: _Exposure, points: FloatArray, binding: _Binding, tracer: Tracer[Any]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return colours (N, 3), in a camera's image, of what is at points (N, 3) and no actor, and its distances (N,)
+        from `PROBE_M` before them."""
+        camera, time_s = exposure.camera, exposure.time_s
+        to = points - camera.world_from_camera.at(time_s)[:3, 3]
+        distance = np.linalg.norm(to, axis=1, keepdims=True)
+        directions = to / distance
+        rays = Rays(points - directions * np.minimum(distance, PROBE_M), directions, np.full(len(points), time_s))
+        traced = tracer.trace(rays, {"instance", "depth"}, True, None, RenderStats())
+        # one row of cells: a decoder that reads neighbours sees ground on both sides
+        rgb = tracer.image(traced, directions, camera.sensor_id, (1, len(points)))[0, :: tracer.upsample]
+        rgb = binding.exposed(rgb, camera.sensor_id, time_s)
+        return rgb, np.where(traced.maps["instance"] == 0, traced.maps["depth"], np.inf)
 
     def _started_sweep(
         self, state: WorldState, lidar: Lidar, time_s: float, seed: Sequence[int] | None
@@ -766,7 +842,8 @@ def _needed(passes: Collection[str], shades: bool) -> set[str]:
 def reach_of(shadows: bool) -> Reach:
     """Return the distances over which a frame depends on what its own rays do not hit, with contact shadows or
     without."""
-    return Reach(shadow_m=SHADOW_CUTOFF_M if shadows else 0.0, light_m=PROBE_M + 1.0)
+    contact = SHADOW_CUTOFF_M if shadows else 0.0
+    return Reach(shadow_m=contact, light_m=PROBE_M + 1.0, changed_m=SHADOW_CUTOFF_M)
 
 
 def _laid_over(below: Array, above: Array | float, opacity: Array) -> Array:

@@ -15,6 +15,7 @@ import numpy as np
 from ..geometry import UNIT_BOX_CORNERS, BoolArray, FloatArray, make_pose
 from ..sensors.silhouettes import spheres_in_cone, view_half_angle
 from ..world.drive import Actor, Box, Camera, CameraModel, Lidar, StaticCopy
+from ..world.light import Sun
 from ..world.replay import PaddedKeys, WorldState
 
 PAD_PIXELS = 4
@@ -22,6 +23,8 @@ PAD_PIXELS = 4
 EXPOSURE_MOMENTS = 5
 """Number of times in an exposure at which boxes are tested against the frustum."""
 BOX_SLACK_M = 0.05
+SHADOW_REACH_M, FALLING_M = 20.0, 1.0
+"""Largest distance along the ground over which a shadow is followed, and the fall of the ground over it."""
 STATIC_SLACK_M = 0.5
 """Margin around removed boxes, metres, within which the static world may have been changed."""
 
@@ -29,11 +32,13 @@ STATIC_SLACK_M = 0.5
 @dataclass(frozen=True)
 class Reach:
     """Distances, metres, over which a frame depends on what its own rays do not hit: ``shadow_m`` is the reach of
-    contact shadows beside inserted actors, ``light_m`` the distance around a mesh's box within which the ground lights
-    it. ``whole``: the frame depends on all of its state, wherever the sensor looks."""
+    contact shadows beside inserted actors, ``changed_m`` of those beside all that an edit has changed, where a state has
+    light; ``light_m`` the distance around a mesh's box within which the ground lights it. ``whole``: the frame depends
+    on all of its state, wherever the sensor looks."""
 
     shadow_m: float = 0.0
     light_m: float = 0.0
+    changed_m: float = 0.0
     whole: bool = False
 
 
@@ -43,25 +48,40 @@ def seen_by(state: WorldState, sensor: Camera | Lidar, reach: Reach) -> WorldSta
     actors = tuple(actor for actor in state.actors if actor.visible_to(sensor))
     # the road reflects what the sensor does not see, and spray drifts into its view
     if reach.whole or (state.weather is not None and state.weather.wet):
-        return replace(state, actors=actors)
+        light = None if isinstance(sensor, Lidar) else state.light
+        return replace(state, actors=actors, light=light).with_changes_alone()
     boxes = [copy_box(copy) for copy in state.static_copies] + list(state.removed_boxes)
     moments = np.linspace(state.start_s, state.end_s, EXPOSURE_MOMENTS)
+    light = None if isinstance(sensor, Lidar) else state.light
     corners = np.concatenate([_actor_corners(actors, moments, reach), _box_corners(boxes, len(moments))])
+    if light is not None:
+        changed = np.array([actor.uid in light.changed for actor in actors] + [True] * len(boxes))
+        sizes = [actor.size_m for actor in actors] + [box.size_m for box in boxes]
+        corners = _with_shadows(corners, light.sun, sizes, changed, reach)
     if isinstance(sensor, Lidar):
         visible = _in_range(corners, sensor, moments)
     else:
         poses = sensor.world_from_camera.at(moments)
         visible = _in_frustum(corners, sensor.model, poses)
         lit = [i for i, actor in enumerate(actors) if actor.appearance.mesh and visible[i]]
-        visible |= beside_lines_of_sight(corners, lit, poses[:, :3, 3], reach.light_m)
+        visible |= beside_lines_of_sight(corners[:, :, :8], lit, poses[:, :3, 3], reach.light_m)
     seen, copies = visible[: len(actors)], visible[len(actors) : len(actors) + len(state.static_copies)]
     removed = visible[len(actors) + len(state.static_copies) :]
-    return replace(
+    visible_state = replace(
         state,
         actors=_chosen(actors, seen),
         static_copies=_chosen(state.static_copies, copies),
         removed_boxes=_chosen(state.removed_boxes, removed),
+        light=light,
     )
+    return visible_state.with_changes_alone()
+
+
+def shadow_reach_m(sun: Sun, size_m: FloatArray) -> float:
+    """Return how far along the sun's rays, metres, the shadow of a box of edges ``size_m`` (3,) is followed: to the
+    ground below it, and some further where that falls away, but not over more than `SHADOW_REACH_M` of it."""
+    elevation = np.radians(sun.elevation_deg)
+    return float(min((size_m[2] + FALLING_M) / np.sin(elevation), SHADOW_REACH_M / max(np.cos(elevation), 1e-3)))
 
 
 def copy_box(copy: StaticCopy) -> Box:
@@ -71,6 +91,20 @@ def copy_box(copy: StaticCopy) -> Box:
 
 def _chosen(items: Sequence, mask: BoolArray) -> tuple:  # type: ignore[type-arg]
     return tuple(item for item, is_chosen in zip(items, mask, strict=True) if is_chosen)
+
+
+def _with_shadows(
+    corners: FloatArray, sun: Sun, sizes: Sequence[FloatArray], changed: BoolArray, reach: Reach
+) -> FloatArray:
+    """Return corners (N, T, 16, 3) of boxes with ``corners`` and ``sizes`` and of the ends of their shadows, where they
+    are ``changed`` (N,)."""
+    cast = np.array([shadow_reach_m(sun, size) for size in sizes])[:, None, None, None] * sun.direction * sun.casts
+    middle = corners.mean(2, keepdims=True)
+    wider = 1 + 2 * reach.changed_m / np.array([np.min(size) for size in sizes])
+    near = middle + (corners - middle) * wider[:, None, None, None]
+    return np.where(
+        changed[:, None, None, None], np.concatenate([near, near - cast], 2), np.tile(corners, (1, 1, 2, 1))
+    )
 
 
 def _actor_corners(actors: Sequence[Actor], moments: FloatArray, reach: Reach) -> FloatArray:

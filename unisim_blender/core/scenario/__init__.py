@@ -23,6 +23,7 @@ from . import edits  # noqa: F401 so that all are registered before a document i
 from .checks import fail, require
 from .context import EditContext, SceneActors
 from .edit import EDITS, Edit
+from .light import check_light, sun_of
 from .motion.placement import check_rotation
 from .schema import FORMAT, VERSION, check_document
 from .sensors.document import check_sensors
@@ -178,6 +179,8 @@ def check_scenario(scenario: Scenario) -> None:
         check_sensors(scenario.sensors, f"{path}: sensors")
     if scenario.weather is not None:
         check_weather(scenario.weather, f"{path}: weather")
+    if scenario.light is not None:
+        check_light(scenario.light, f"{path}: light")
     if scenario.simulation is not None:
         check_simulation(scenario.simulation, f"{path}: simulation")
 
@@ -232,14 +235,26 @@ def apply_scenario(scenario: Scenario, base_drive: Drive, scene_actors: SceneAct
             place = f"{scenario.path}: edits[{index}]"
             drive = edit.apply(drive, place, context)
         place = f"{scenario.path}: sensors"
-        return select_sensors(with_weather(select_frames(drive, scenario), scenario), context)
+        return select_sensors(in_weather_and_light(select_frames(drive, scenario), scenario, base_drive), context)
     except TrajectoryError as fault:
         fail(place, str(fault))
 
 
-def with_weather(drive: Drive, scenario: Scenario) -> Drive:
-    """Return the drive in the scenario's weather."""
-    return drive if scenario.weather is None else replace(drive, weather=weather_of(scenario.weather))
+def in_weather_and_light(drive: Drive, scenario: Scenario, recorded: Drive) -> Drive:
+    """Return the edited drive in the scenario's weather and light. Raises `ScenarioError`."""
+    if scenario.weather is not None:
+        drive = replace(drive, weather=weather_of(scenario.weather))
+    if scenario.light is not None:
+        drive = replace(drive, sun=sun_of(scenario.light))
+    return with_edited(drive, recorded)
+
+
+def with_edited(drive: Drive, recorded: Drive) -> Drive:
+    """Return the drive with the ids of the actors that its edits made or changed, where a sun needs them."""
+    if drive.sun is None:
+        return drive
+    own = {uid for uid, actor in drive.actors.items() if actor is not recorded.actors.get(uid)}
+    return replace(drive, edited=recorded.edited | own)
 
 
 def select_frames(drive: Drive, scenario: Scenario) -> Drive:

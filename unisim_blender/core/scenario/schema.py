@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ScenarioError
-from . import simulation, time_range, types, weather
+from . import light, simulation, time_range, types, weather
 from .checks import check_limits, place_in
 from .edit import EDITS, Edit
 from .json_schema import Schema, about_of, choice_of, members_of, ref, required_fields
@@ -48,6 +48,7 @@ def _schema(kinds: tuple[type[Edit], ...]) -> dict[str, Any]:
             **sensors.DEFS,
             **simulation.DEFS,
             **weather.DEFS,
+            **light.DEFS,
             "edit": choice_of({kind.type: ref(kind.type) for kind in kinds}),
             **{kind.type: edit_schema(kind) for kind in kinds},
         },

@@ -15,6 +15,7 @@ from ..remote.requests import is_url
 from ..sensors.frames import CAMERA_PASSES
 from .edit import Edit
 from .json_schema import FRAME, PATH, TEXT, FilePath, PixelCount, Schema, SchemaOf, object_of, ref
+from .light import LightSpec
 from .motion.placement import BoxSpec
 from .sensors.document import Sensors
 from .simulation import SimulationSpec
@@ -98,6 +99,7 @@ class Scenario:
     boxes: dict[str, BoxSpec] | None = None
     edits: tuple[Edit, ...] = ()
     weather: WeatherSpec | None = None
+    light: LightSpec | None = None
     outputs: Outputs | None = None
     simulation: SimulationSpec | None = None
     path: Path = field(default=Path("scenario.json"), compare=False)
@@ -156,6 +158,7 @@ MEMBERS: dict[str, Schema] = {
     },
     "edits": {"type": "array", "items": ref("edit"), "description": "Applied in order."},
     "weather": ref("weather"),
+    "light": ref("light"),
     "outputs": ref("outputs"),
     "simulation": ref("simulation"),
 }

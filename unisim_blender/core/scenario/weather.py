@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Annotated, Union
 
@@ -14,14 +15,15 @@ MIN_VISIBILITY_M, MAX_VISIBILITY_M = 5.0, 1e6
 
 
 @dataclass(frozen=True)
-class WeatherKey:
+class ValueKey:
     """A value at a time, seconds from the log's first frame."""
 
     time_s: float
     value: float
 
 
-def _keyed(about: str, **limits: float) -> SchemaOf:
+def keyed(about: str, **limits: float) -> SchemaOf:
+    """Return the schema of a number within limits, or of keys with such numbers."""
     value = {**NUMBER, **limits}
     keys = {
         "type": "array",
@@ -35,7 +37,7 @@ def _number(about: str, least: float, most: float) -> SchemaOf:
     return SchemaOf({**NUMBER, "minimum": least, "maximum": most, "description": about})
 
 
-Keyed = Union[float, tuple[WeatherKey, ...]]  # noqa: UP007 read at run time
+Keyed = Union[float, tuple[ValueKey, ...]]  # noqa: UP007 read at run time
 
 
 @dataclass(frozen=True)
@@ -60,13 +62,13 @@ class WeatherSpec:
     visibility_m: (
         Annotated[
             Keyed,
-            _keyed("Fog: the distance at which contrast is 2 %.", minimum=MIN_VISIBILITY_M, maximum=MAX_VISIBILITY_M),
+            keyed("Fog: the distance at which contrast is 2 %.", minimum=MIN_VISIBILITY_M, maximum=MAX_VISIBILITY_M),
         ]
         | None
     ) = None
-    rain_mm_h: Annotated[Keyed, _keyed("Rain.", minimum=0, maximum=200)] | None = None
-    snow_mm_h: Annotated[Keyed, _keyed("Snow, as liquid water.", minimum=0, maximum=20)] | None = None
-    wetness: Annotated[Keyed, _keyed("Wet part of the ground; rain adds to it.", minimum=0, maximum=1)] | None = None
+    rain_mm_h: Annotated[Keyed, keyed("Rain.", minimum=0, maximum=200)] | None = None
+    snow_mm_h: Annotated[Keyed, keyed("Snow, as liquid water.", minimum=0, maximum=20)] | None = None
+    wetness: Annotated[Keyed, keyed("Wet part of the ground; rain adds to it.", minimum=0, maximum=1)] | None = None
     seed: Annotated[int, SchemaOf({"type": "integer", "minimum": 0, "maximum": 2**31 - 1})] | None = None
     sensors: ReceiverSpec | None = None
 
@@ -79,7 +81,12 @@ DEFS: dict[str, Schema] = {
 
 def check_weather(spec: WeatherSpec, place: str) -> None:
     """Raise `ScenarioError` for keys that are not in order."""
-    for name in KEYED:
+    check_keys(spec, KEYED, place)
+
+
+def check_keys(spec: object, names: Iterable[str], place: str) -> None:
+    """Raise `ScenarioError` for keys of members that are not in order."""
+    for name in names:
         keys = getattr(spec, name)
         for index in range(1, len(keys) if isinstance(keys, tuple) else 0):
             before, now = keys[index - 1].time_s, keys[index].time_s
@@ -87,13 +94,18 @@ def check_weather(spec: WeatherSpec, place: str) -> None:
             require(microseconds(now) > microseconds(before), f"{place}.{name}[{index}].time_s", problem)
 
 
-def weather_of(spec: WeatherSpec) -> WeatherKeys:
-    """Return the weather that a document states."""
-    stated = {name: value for name in KEYED if (value := getattr(spec, name)) is not None}
-    keys = {
+def keys_of(spec: object, names: Iterable[str]) -> dict[str, tuple[tuple[float, float], ...]]:
+    """Return the keys (time in seconds, value) of those members that a document states."""
+    stated = {name: value for name in names if (value := getattr(spec, name)) is not None}
+    return {
         name: tuple((key.time_s, key.value) for key in value) if isinstance(value, tuple) else ((0.0, value),)
         for name, value in stated.items()
     }
+
+
+def weather_of(spec: WeatherSpec) -> WeatherKeys:
+    """Return the weather that a document states."""
+    keys = keys_of(spec, KEYED)
     sensors = {} if spec.sensors is None else asdict(spec.sensors)
     receiver = Receiver(**{name: value for name, value in sensors.items() if value is not None})
     return WeatherKeys(keys, Weather(seed=spec.seed or 0, receiver=receiver))

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..geometry import split_trajectories
-from ..scenario import select_frames, with_weather
+from ..scenario import in_weather_and_light, select_frames, with_edited
 from ..scenario.context import PRESENCE_MARGIN_S, SENSOR_MARGIN_S, EditContext
 from ..scenario.edit import Edit
 from ..scenario.edits.ego import Ego
@@ -80,7 +80,8 @@ class ScenarioDrive:
             drive = edit.apply(drive, f"{scenario.path}: edits[{index}]", context)
         # the vehicle's own trajectory is the simulation's
         rules = replace(scenario, outside=Outside(actors_outside(scenario), "continue"))
-        drive = carried_outside(with_weather(select_frames(drive, scenario), scenario), rules, (start_us, stop_us))
+        drive = in_weather_and_light(select_frames(drive, scenario), scenario, context.recorded)
+        drive = carried_outside(drive, rules, (start_us, stop_us))
         beyond_s = stop_us / US_PER_SECOND if stop_us > recording_us(drive)[1] else None
         return ScenarioDrive(drive, context, beyond_s)
 
@@ -93,7 +94,7 @@ class ScenarioDrive:
         drive = self.base
         for index, edit in enumerate(edits):
             drive = edit.apply(drive, f"simulation: edits[{index}]", self.context)
-        return select_sensors(drive, self.context)
+        return select_sensors(with_edited(drive, self.context.recorded), self.context)
 
     def drive_at(self, world: World, since_us: int | None = None) -> Drive:
         """Return the drive of a world, which is that with the edits `edits_of` it.

@@ -22,6 +22,7 @@ from ..errors import LogError
 from ..geometry import BoolArray, FloatArray, Trajectory
 from ..lenses import PINHOLE, lens_from_dict
 from ..lenses.lens import Lens, LensError
+from .light import SunKeys
 from .weather import WeatherKeys
 
 EGO = "ego"
@@ -399,6 +400,9 @@ class Drive:
     world_origin: FloatArray = field(default_factory=lambda: np.zeros(3))
     """Offset (3,) that was subtracted from the log's own world coordinates, float64."""
     weather: WeatherKeys | None = None
+    sun: SunKeys | None = None
+    edited: frozenset[str] = frozenset()
+    """Ids of the actors that edits made or changed, where there is a ``sun``."""
 
     def __post_init__(self) -> None:
         if shared := sorted(self.cameras.keys() & self.lidars.keys()):

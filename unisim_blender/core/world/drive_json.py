@@ -134,6 +134,7 @@ def drive_to_json(drive: Drive) -> dict[str, Any]:
         ],
         "static_removals": [_box_to_json(box) for box in drive.static_removals],
         **({} if drive.weather is None else {"weather": drive.weather.to_json()}),
+        **({} if drive.sun is None else {"sun": drive.sun.to_json()}),
     }
 
 
@@ -299,8 +300,8 @@ def _read_box(node: Node) -> Box:
 
 
 def read_drive(node: Node) -> Drive:
-    """Return the drive of `drive_to_json`; of meshes that are actors, only the boxes, and no weather: its
-    images show it. Raises the node's error."""
+    """Return the drive of `drive_to_json`; of meshes that are actors, only the boxes, no weather and no sun: its
+    images show them. Raises the node's error."""
     frames = tuple(frame.integer() for frame in node.key("frames").elements())
     time_s = _read_times(node.key("time_s"))
     missing = [frame for frame in frames if frame not in time_s]

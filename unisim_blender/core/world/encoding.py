@@ -19,8 +19,10 @@ import numpy as np
 
 from ..errors import UnisimError
 from ..geometry import FloatArray, Trajectory
+from ..json_file import Node
 from .drive import Actor, Appearance, Box, Camera, CameraModel, Lidar, LidarModel, Readouts, SpinPhase, StaticCopy
 from .drive_json import LIDAR_TABLES
+from .light import Sunlight
 from .replay import WorldState
 from .weather import Weather
 
@@ -58,6 +60,8 @@ def encode_state(state: WorldState) -> str:
     }
     if state.weather is not None:
         header["weather"] = state.weather.to_dict()
+    if state.light is not None:
+        header["light"] = state.light.to_json()
     return _packed(header, numbers)
 
 
@@ -73,10 +77,11 @@ def decode_state(text: str) -> WorldState:
         )
         removed = tuple(numbers.box() for _ in range(header["removed_boxes"]))
         weather = Weather.from_dict(header["weather"]) if "weather" in header else None
+        light = Sunlight.from_json(Node(header["light"], "light", EncodingError)) if "light" in header else None
         numbers.finish()
     except (KeyError, TypeError, ValueError) as fault:
         raise EncodingError(f"a state of the world that was sent cannot be read: {fault}") from fault
-    return WorldState(start_s, end_s, ego, actors, copies, removed, weather)
+    return WorldState(start_s, end_s, ego, actors, copies, removed, weather, light)
 
 
 def encode_sensor(sensor: Camera | Lidar, start_s: float, end_s: float) -> str:

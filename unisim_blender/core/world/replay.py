@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..geometry import FloatArray, Trajectory, make_pose, slerp
 from .classes import motion_of
 from .drive import Actor, Box, Drive, StaticCopy
+from .light import Sunlight
 from .weather import Weather
 
 
@@ -26,7 +27,7 @@ class WorldState:
     ``actors`` are those present at some time of the window, in the order of their ids. Their presence is clipped to the
     window, and their trajectories hold the keys that cover it, as does ``world_from_ego``, the ego vehicle's.
     ``static_copies`` are copied boxes of the static world; inside ``removed_boxes`` the static world is empty
-    above the ground. ``weather`` is that of the window's middle; None where it changes nothing.
+    above the ground. ``weather`` and ``light`` are those of the window's middle; None where they change nothing.
 
     States are equal if their digests are.
     """
@@ -38,6 +39,7 @@ class WorldState:
     static_copies: tuple[StaticCopy, ...] = ()
     removed_boxes: tuple[Box, ...] = ()
     weather: Weather | None = None
+    light: Sunlight | None = None
 
     @cached_property
     def digest(self) -> str:
@@ -53,6 +55,16 @@ class WorldState:
     def restricted(self, uids: Collection[str]) -> WorldState:
         """Return the state with only the actors of these ids."""
         return replace(self, actors=tuple(actor for actor in self.actors if actor.uid in uids))
+
+    def with_changes_alone(self) -> WorldState:
+        """Return the state without its light where that changes nothing, and without changed actors that are not there."""
+        if self.light is None:
+            return self
+        there = {actor.uid for actor in self.actors}
+        light = replace(self.light, changed=tuple(uid for uid in self.light.changed if uid in there))
+        if not (light.changed or self.removed_boxes or self.static_copies):
+            return replace(self, light=None)
+        return self if light == self.light else replace(self, light=light)
 
     def _parts(self) -> Iterator[bytes]:
         """Yield the content as parts of bytes; the length of each follows from those before it, so joining
@@ -76,6 +88,8 @@ class WorldState:
             yield box.content()
         if self.weather is not None:
             yield json.dumps(self.weather.to_dict()).encode()
+        if self.light is not None:
+            yield json.dumps(self.light.to_json()).encode()
 
 
 MAX_COMPARISONS = 1 << 24
@@ -160,6 +174,7 @@ class DriveStates:
         )
 
     def state(self, start_s: float, end_s: float) -> WorldState:
+        middle_s, sun = (start_s + end_s) / 2, self.drive.sun
         active = np.flatnonzero((self._ends_s >= start_s) & (self._starts_s <= end_s)).tolist()
         starts, ends = np.maximum(self._starts_s, start_s).tolist(), np.minimum(self._ends_s, end_s).tolist()
         actors = (
@@ -171,15 +186,21 @@ class DriveStates:
             )
             for i in active
         )
-        return WorldState(
+        light = None
+        if sun is not None:
+            uids = (self._actors[i].uid for i in active)
+            light = Sunlight(sun.at(middle_s), tuple(uid for uid in uids if uid in self.drive.edited))
+        state = WorldState(
             start_s,
             end_s,
             self.drive.world_from_ego.between(start_s, end_s),
             tuple(actors),
             self.drive.static_copies,
             self._removed,
-            None if self.drive.weather is None else self.drive.weather.at((start_s + end_s) / 2),
+            None if self.drive.weather is None else self.drive.weather.at(middle_s),
+            light,
         )
+        return state.with_changes_alone()
 
 
 def with_windows(drive: Drive, actors: Iterable[Actor]) -> list[Actor]:

@@ -125,6 +125,7 @@ def stated_text(scenario: Scenario) -> str:
         frames=scenario.frames,
         times=scenario.times,
         outside=scenario.outside,
+        light=scenario.light,
         sensors=own if timed else None,
     )
     return "" if stated == Scenario(name="kept", log="log") else json.dumps(scenario_to_json(stated))
@@ -137,7 +138,13 @@ def with_stated(scenario: Scenario, text: str, drive: Drive, captures: bool) -> 
         return scenario
     stated = _read(text)
     # files of earlier versions have the simulation and the formats in their text
-    merged = replace(scenario, description=stated.description, outside=stated.outside, simulation=stated.simulation)
+    merged = replace(
+        scenario,
+        description=stated.description,
+        outside=stated.outside,
+        light=stated.light,
+        simulation=stated.simulation,
+    )
     if stated.outputs is not None and scenario.outputs is not None and scenario.outputs.formats is None:
         merged = replace(merged, outputs=replace(scenario.outputs, formats=stated.outputs.formats))
     if not captures:

@@ -1,0 +1,188 @@
+"""Shadows of the sun that edits move: closed form, against the truth of a street, and the bits of parts of an image."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from drive_frames import DriveFrames
+from tiny_drive import tiny_drive, world_pose
+
+from unisim_blender.core import native
+from unisim_blender.core.geometry import FloatArray, Trajectory
+from unisim_blender.core.meshes.hits import MeshActors
+from unisim_blender.core.prepare.scenario import prepare_scenario
+from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
+from unisim_blender.core.render.changes import RenderedState, changed_regions
+from unisim_blender.core.render.lattice import Region
+from unisim_blender.core.render.sun_shadow import sun_shadows
+from unisim_blender.core.sensors.rays import Rays
+from unisim_blender.core.world.drive import Actor, Box
+from unisim_blender.core.world.encoding import decode_state, encode_state
+from unisim_blender.core.world.light import Sun, SunKeys, Sunlight
+from unisim_blender.core.world.replay import WorldState
+from unisim_street.street import build_street
+from unisim_street.street_truth import StreetTruth
+
+SAMPLE = Path(__file__).parents[3] / "sample" / "scene"
+SUN = Sun(30.0, 45.0, (0.7, 0.6, 0.5))
+CAR = replace(
+    tiny_drive().actors["car"],
+    size_m=np.array([4.0, 2.0, 1.5]),
+    world_from_actor=Trajectory(np.zeros(1), np.array([[0.0, 0, 0.75]]), np.array([[1.0, 0, 0, 0]])),
+    is_moving=False,
+)
+EGO = Trajectory(np.zeros(1), np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]))
+
+
+class Boxes:
+    """A tracer that sees the boxes of a state's actors exactly, above a plane at height 0."""
+
+    def __init__(self, state: WorldState) -> None:
+        self.state, self.active = state, type("Active", (), {"mesh_actors": MeshActors(())})
+
+    def trace(self, rays: Rays, *_: Any) -> Any:
+        depth = np.full(len(rays.time_s), np.inf)
+        for actor in self.state.actors:
+            near, far = slab(actor, rays.origins, rays.directions)
+            depth = np.where((near <= far) & (far > 0.5), np.minimum(depth, np.maximum(near, 0.5)), depth)
+        return type("Traced", (), {"maps": {"depth": depth}})
+
+    def heights(self, points: FloatArray) -> FloatArray:
+        return points[:, 2]
+
+
+def slab(actor: Actor, origins: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    middle, half = actor.world_from_actor.positions[0], actor.size_m / 2
+    a, b = (middle - half - origins) / directions, (middle + half - origins) / directions
+    return np.minimum(a, b).max(1), np.maximum(a, b).min(1)
+
+
+def factors(state: WorldState, recorded: dict[str, Actor], points: FloatArray, **changes: Any) -> FloatArray:
+    parked = {uid: Box(a.world_from_actor.poses[0], a.size_m) for uid, a in recorded.items() if not a.is_moving}
+    shadows = sun_shadows(state, tiny_drive().cameras["front"], recorded, parked)
+    assert shadows is not None
+    tracers: Any = {"edited": Boxes(shadows.edited), "recorded": Boxes(shadows.recorded)}
+    nothing = np.zeros(len(points), np.int32)
+    return shadows.factors(points, np.zeros(len(points)), (), nothing, lambda some: np.zeros((some.sum(), 3)), tracers)
+
+
+def ground() -> tuple[FloatArray, Any, Any]:
+    """Places beside the car, those in the shadow that its box casts, and those well outside of it."""
+    x, y = (axis.reshape(-1) for axis in np.meshgrid(np.linspace(-9, 9, 91), np.linspace(-9, 9, 91)))
+    points = np.stack([x, y, np.zeros_like(x)], -1)
+    # the shadow at a point: the box's footprint, and that of its top, 1.5 m / tan(45 degrees) away from the sun
+    away = 1.5 * np.array([np.cos(np.radians(30)), np.sin(np.radians(30))])
+
+    def covered(grow: float) -> Any:
+        steps = np.linspace(0, 1, 400)[:, None] * -away
+        inside = np.abs(points[:, None, :2] - steps) <= np.array([2.0, 1.0]) + grow
+        return inside.all(-1).any(1)
+
+    return points, covered(-0.1), ~covered(0.5)
+
+
+def test_an_inserted_box_shades_the_plane_by_the_suns_part_and_a_removed_one_gives_it_back() -> None:
+    points, core, outside = ground()
+    light = Sunlight(SUN, ("car",))
+    inserted = WorldState(0.0, 0.0, EGO, (replace(CAR, inserted=True),), light=light)
+    shaded = factors(inserted, {}, points)
+    np.testing.assert_allclose(shaded[core], np.tile(1 - np.array(SUN.strength), (core.sum(), 1)), rtol=1e-6)
+    assert core.sum() > 200 and (shaded[outside] == 1).all()
+    box = Box(world_pose(0.0, 0.0, 0.75), CAR.size_m)
+    removed = WorldState(0.0, 0.0, EGO, (), removed_boxes=(box,), light=replace(light, changed=()))
+    given = factors(removed, {"car": CAR}, points)
+    np.testing.assert_allclose(given[core], np.tile(1 / (1 - np.array(SUN.strength)), (core.sum(), 1)), rtol=1e-6)
+    assert (given[outside] == 1).all()
+    # one that comes where a parked one shades already takes nothing away a second time
+    other = replace(CAR, uid="other", inserted=True)
+    again = factors(WorldState(0.0, 0.0, EGO, (CAR, other), light=Sunlight(SUN, ("other",))), {"car": CAR}, points)
+    assert (again == 1).all()
+    dark = replace(light, sun=replace(SUN, strength=(0.0, 0.0, 0.0)))
+    assert (factors(replace(inserted, light=dark), {}, points) == 1).all()
+
+
+def test_light_is_part_of_a_state_only_where_an_edit_changes_something() -> None:
+    state = WorldState(0.0, 0.0, EGO, (CAR,), light=Sunlight(SUN, ("car", "gone")))
+    kept = state.with_changes_alone()
+    assert kept.light == Sunlight(SUN, ("car",)) and kept != replace(kept, light=None)
+    assert decode_state(encode_state(kept)) == kept and decode_state(encode_state(kept)).light == kept.light
+    assert replace(state, light=Sunlight(SUN, ())).with_changes_alone().light is None
+    keys = SunKeys(
+        {"azimuth_deg": ((0.0, 10.0), (2.0, 30.0)), "elevation_deg": ((0.0, 50.0),), "strength": ((0.0, 0.5),)}
+    )
+    assert keys.at(1.0) == Sun(20.0, 50.0, (0.52, 0.5, 0.48))
+
+
+pytestmark = pytest.mark.skipif(native.library() is None, reason="the kernels were not built")
+NEW = {"type": "duplicate", "actor": "car-09", "id": "new", "pose": {"position": [22, 3.4, 1.05], "yaw_deg": 0}}
+
+
+def written(folder: Path, name: str, **members: Any) -> Path:
+    document = {
+        "format": "unisim-scenario",
+        "version": 1,
+        "name": "lit",
+        "log": "street",
+        "scene": str(SAMPLE),
+        **members,
+    }
+    (folder / f"{name}.json").write_text(json.dumps(document))
+    return folder / f"{name}.json"
+
+
+LIGHT = {"sun": {"azimuth_deg": -136.1, "elevation_deg": 53.65, "strength": 0.72}}
+
+
+def test_the_shadow_of_an_inserted_car_is_three_decibels_nearer_to_the_truth(tmp_path: Path) -> None:
+    street, errors = build_street(), []  # that of the sample's scene
+    for name, members in (("off", {}), ("on", {"light": LIGHT})):
+        path = written(tmp_path, name, edits=[NEW], **members)
+        plan, _ = plan_scenario(path, RenderOptions(quality="fast"))
+        renderer, camera = plan.recipe.load(), plan.captures.camera("front_camera")
+        time_s = camera.time_s[4]
+        image = renderer.render(plan.captures.state(camera, time_s), camera, time_s).rgb
+        edited = prepare_scenario(path).edited
+        truth = StreetTruth(path, street, street.drive, edited, plan.frames, ("front_camera",), None)
+        true = truth.images("front_camera", 4)
+        assert true.regions.shadow.sum() > 500
+        errors.append(float(np.mean((image - true.edit)[true.regions.shadow] ** 2)))
+    assert 10 * np.log10(errors[0] / errors[1]) > 3
+
+
+def test_parts_have_the_bits_of_the_whole_and_nothing_else_changes(tmp_path: Path) -> None:
+    remove = {"type": "remove", "actor": "car-12"}
+    weather = {"rain_mm_h": 10}
+
+    def frames(name: str, **members: Any) -> DriveFrames:
+        plan, _ = plan_scenario(written(tmp_path, name, **members), RenderOptions(quality="fast"))
+        return DriveFrames(plan.recipe.load(), plan.drive)
+
+    plain, lit = frames("plain", edits=[]), frames("lit", edits=[NEW, remove], light=LIGHT)
+    camera = plain.captures.camera("front_camera", 240)
+    time_s, size = camera.time_s[4], (240, 135)
+    unlit = frames("unedited", edits=[], light=LIGHT).state(camera, time_s)
+    assert unlit == plain.state(camera, time_s)
+    assert lit.state(lit.captures.lidar("pandar64"), 0.4).light is None
+    for scene in (lit, frames("rain", edits=[NEW, remove], light=LIGHT, weather=weather)):
+        state = scene.state(camera, time_s)
+        whole = scene.renderer.render(state, camera, time_s).rgb
+        part = scene.renderer.render(state, camera, time_s, region=Region(30, 50, 200, 120)).rgb
+        np.testing.assert_array_equal(part, whole[50:120, 30:200])
+        tiles = [tile.frame.rgb for tile in scene.renderer.progressive(state, camera, time_s, band=32)]
+        # in rain bands may differ in the last bit, with light or without
+        np.testing.assert_allclose(np.concatenate(tiles), whole, atol=0 if scene is lit else 1e-7, rtol=0)
+    before = plain.renderer.render(plain.state(camera, time_s), camera, time_s).rgb
+    after = lit.renderer.render(lit.state(camera, time_s), camera, time_s).rgb
+    margin = lit.renderer.margin(lit.state(camera, time_s))
+    first, second = (RenderedState(one.state(camera, time_s), (), margin) for one in (plain, lit))
+    regions = changed_regions(lit.renderer, first, second, camera)
+    assert regions is not None
+    covered = np.zeros(size[::-1], bool)
+    for region in regions:
+        covered[region.top : region.bottom, region.left : region.right] = True
+    assert not covered.all() and (before == after)[~covered].all()

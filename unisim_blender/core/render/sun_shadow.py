@@ -1,0 +1,279 @@
+"""Shadows of the sun that edits move: of actors that were inserted, displaced or removed, on all that a camera sees.
+
+A pixel's light is (A + S V): A of the sky and of all around, S of the sun, V whether the sun is seen. An edit changes V
+alone, so a pixel's linear colour changes by (A + S V') / (A + S V). V is traced twice, through the parked actors of the
+recording and through those that stand now; the shade of all else is not known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import BoolArray, FloatArray, invert_pose, points_in_box, transform_points
+from ..sensors.frames import RenderStats
+from ..sensors.rays import Rays
+from ..world.drive import Actor, Box, Camera, StaticCopy
+from ..world.light import Sun
+from ..world.replay import WorldState
+from .contact_shadow import displaced
+from .tracer import NEAR_M, Tracer
+from .visibility import EXPOSURE_MOMENTS, copy_box, shadow_reach_m
+
+START_M = 0.12
+"""Distance from a surface at which rays to the sun begin: trained surfaces are as thick."""
+SUN_RADIUS_RAD = 0.008
+"""Half the angle over which a pixel's rays to the sun spread: more than the sun's 0.0047, for pixels have a size."""
+DIRECTIONS = ((-0.5, -0.25), (0.25, -0.5), (0.5, 0.25), (-0.25, 0.5))
+"""Places on the sun, relative to the radius."""
+GROUND_M = 0.15
+"""Height up to which a surface counts as level ground."""
+MAX_FACING = 1.5
+"""Largest sunlight on a surface, relative to that on level ground."""
+BESIDE_M = 0.3
+"""Distance beyond a box at which it may still block: trained bodies end there."""
+NEIGHBOURS_M = 40.0
+"""Distance from a changed box within which actors of the recording are traced, too."""
+EVERYWHERE_M = 2e4
+RING_M, RING_SPACING_M = (0.5, 1.2, 2.0), 0.7
+"""Distances from a box at which ground is compared, and the spacing of places along its sides."""
+NEAREST = 9
+"""Number of places that a point is compared with."""
+
+
+class _Blocker(NamedTuple):
+    """Something that casts a shadow: its poses (K, 4, 4) over the exposure, its size (3,), whether an edit has put it
+    there, or removed it; and its actor's id."""
+
+    poses: FloatArray
+    size_m: FloatArray
+    changed: bool
+    uid: str = ""
+
+
+class GroundBeside(NamedTuple):
+    """Places (M, 3) on the ground beside what is gone, world frame, and their linear brightness (M,), NaN where it is not
+    known."""
+
+    points: FloatArray
+    brightness: FloatArray
+
+
+@dataclass
+class SunShadows:
+    """The sun over an exposure, and what blocks it, ``edited`` and as it was ``recorded``: states of blockers alone."""
+
+    sun: Sun
+    edited: WorldState
+    recorded: WorldState
+    actors: tuple[Actor, ...]
+    """Those that an edit has inserted, displaced or changed."""
+    bare: WorldState
+    """The recorded world without actors."""
+    ring: FloatArray
+    """Places (M, 3) beside what is gone, world frame, at the height of its underside."""
+    _blockers: tuple[tuple[_Blocker, ...], tuple[_Blocker, ...]]
+
+    def factors(
+        self, points: FloatArray, time_s: FloatArray, instance: Sequence[str], which: NDArray[np.int32],
+        facing: Callable[[BoolArray], FloatArray], tracers: Mapping[str, Tracer[Any]],
+    ) -> FloatArray:  # fmt: skip
+        """Return the factors (N, 3) of the light of points (N, 3), world frame, at times (N,). ``which`` (N,) are their
+        actors' numbers in ``instance``, plus 1, 0 for none; ``facing`` returns unit normals (M, 3) of some (N,);
+        ``tracers`` are those of the states ``edited`` and ``recorded``."""
+        out = np.ones((len(points), 3))
+        if not self.sun.casts:
+            return out
+        toward = self.sun.direction
+        start = np.full(len(points), START_M)
+        candidates, is_own = np.zeros((2, len(points)), bool)
+        for number, uid in enumerate(instance, 1):
+            mine = np.flatnonzero(which == number)
+            if not len(mine) or uid not in {actor.uid for actor in self.actors}:
+                continue
+            is_own[mine] = True
+            # its own shadow on itself is part of its appearance
+            box = next(b for b in self._blockers[0] if b.uid == uid)
+            start[mine] = np.maximum(_span(box, points[mine], toward)[1], 0) + START_M
+        changed = [[b for b in group if b.changed] for group in self._blockers]
+        for box in (*changed[0], *changed[1]):
+            reach = shadow_reach_m(self.sun, box.size_m)
+            enter, leave = _span(box, points, toward)
+            candidates |= (enter <= np.minimum(leave, reach)) & (leave > start)
+        some = np.flatnonzero(candidates)
+        if not len(some):
+            return out
+        now, before = (
+            self._visible(points[some], time_s[some], start[some], toward, group, tracers[name])
+            for group, name in zip(self._blockers, ("edited", "recorded"), strict=True)
+        )
+        before[is_own[some]] = 1
+        level = np.zeros(len(points), bool)
+        level[some] = (which[some] == 0) & (np.abs(tracers["edited"].heights(points[some])) < GROUND_M)
+        matter = np.zeros(len(points), bool)
+        matter[some] = now != before
+        weight = np.ones(len(points))
+        tilted = matter & ~level
+        if tilted.any():
+            weight[tilted] = np.clip(facing(tilted) @ toward / toward[2], 0, MAX_FACING)
+        strength = np.array(self.sun.strength)
+        ratio = (strength / (1 - strength)) * weight[some, None]
+        out[some] = (1 + ratio * now[:, None]) / (1 + ratio * before[:, None])
+        return out
+
+    def capped(
+        self, factors: FloatArray, points: FloatArray, brightness: FloatArray, ring: GroundBeside, time_s: float,
+        tracer: Tracer[Any],
+    ) -> FloatArray:  # fmt: skip
+        """Return factors (N, 3) for points (N, 3) of linear ``brightness`` (N,) of which those above 1 make none brighter
+        than the ground beside in the same light: what stood there hid its shadow, too, so that the scene has not learnt
+        all of that. ``tracer`` is that of ``recorded``."""
+        lighter = np.flatnonzero(factors.max(1) > 1)
+        out = factors.copy()
+        out[lighter] = np.minimum(out[lighter], 1)
+        lit = np.isfinite(ring.brightness)
+        if self.sun.casts and lit.any() and len(lighter):
+            some = ring.points[lit]
+            times, start = np.full(len(some), time_s), np.full(len(some), START_M)
+            lit[lit] = self._visible(some, times, start, self.sun.direction, self._blockers[1], tracer) == 1
+        if not lit.any():
+            return out
+        places, levels = ring.points[lit], ring.brightness[lit]
+        for part in np.array_split(lighter, len(lighter) // 4096 + 1):
+            apart = np.linalg.norm(points[part, None, :2] - places[None, :, :2], axis=-1)
+            nearest = np.argsort(apart, axis=1, kind="stable")[:, :NEAREST]
+            limit = np.maximum(np.median(levels[nearest], 1) / np.maximum(brightness[part], 1e-4), 1)
+            more = factors[part] - 1
+            part_of_it = np.clip((limit - 1) / np.maximum(more.mean(1), 1e-6), 0, 1)
+            out[part] = np.where(more > 0, 1 + more * part_of_it[:, None], factors[part])
+        return out
+
+    def _visible(
+        self, points: FloatArray, time_s: FloatArray, start: FloatArray, toward: FloatArray,
+        blockers: Sequence[_Blocker], tracer: Tracer[Any],
+    ) -> FloatArray:  # fmt: skip
+        """Return how much (N,) of the sun is seen past blockers."""
+        side = np.cross(toward, [0.0, 0.0, 1.0] if toward[2] < 0.99 else [1.0, 0.0, 0.0])
+        side /= np.linalg.norm(side)
+        blocked = np.zeros(len(points))
+        for a, b in DIRECTIONS:
+            direction = toward + SUN_RADIUS_RAD * (a * side + b * np.cross(side, toward))
+            direction /= np.linalg.norm(direction)
+            furthest = np.full(len(points), -np.inf)
+            for box in blockers:
+                enter, leave = _span(box, points, direction)
+                furthest = np.where((enter <= leave) & (leave > start), np.maximum(furthest, leave), furthest)
+            some = np.flatnonzero(furthest > -np.inf)
+            if not len(some):
+                continue
+            origins = points[some] + (start[some] - NEAR_M)[:, None] * direction
+            rays = Rays(origins, np.repeat(direction[None], len(some), 0), time_s[some])
+            hits = tracer.active.mesh_actors.hit_by_rays(rays, NEAR_M)
+            depth = tracer.trace(rays, {"depth"}, False, hits, RenderStats()).maps["depth"]
+            blocked[some] += depth - NEAR_M + start[some] < furthest[some] + BESIDE_M
+        return 1 - blocked / len(DIRECTIONS)
+
+
+def sun_shadows(
+    state: WorldState, camera: Camera, recorded: Mapping[str, Actor] | None, parked: Mapping[str, Box]
+) -> SunShadows | None:
+    """Return the shadows of a state beside those of the recording, whose actors are ``recorded`` and ``parked``; None
+    where no edit changes any."""
+    if state.light is None or recorded is None:
+        return None
+    moved = {actor.uid for actor in displaced(state, recorded)}
+    actors = tuple(
+        actor
+        for actor in state.actors
+        if actor.uid in state.light.changed
+        and actor.visible_to(camera)
+        and (actor.inserted or actor.appearance.mesh or actor.uid in moved)
+    )
+    gone = {box.content() for box in state.removed_boxes}
+    standing = {
+        uid: replace(recorded[uid], start_s=state.start_s, end_s=state.end_s)
+        for uid in sorted(parked)
+        if uid in recorded
+    }
+    removed = {uid for uid in standing if parked[uid].content() in gone}
+    statics = tuple(
+        StaticCopy(f"removed-{i}", box, box.world_from_box)
+        for i, box in enumerate(state.removed_boxes)
+        if box.content() not in {parked[uid].content() for uid in removed}
+    )
+    if not (actors or removed or statics or state.static_copies):
+        return None
+    replaced = {actor.uid for actor in actors}
+    moments = np.linspace(state.start_s, state.end_s, EXPOSURE_MOMENTS)
+    now = [_Blocker(a.world_from_actor.at(moments), a.size_m, True, a.uid) for a in actors]
+    now += [_blocker(copy_box(copy), True) for copy in state.static_copies]
+    before = [_blocker(parked[uid], True) for uid in sorted(removed | replaced & set(standing))]
+    before += [_blocker(copy_box(copy), True) for copy in statics]
+    places = np.array([b.poses[0, :3, 3] for b in (*now, *before)])
+    near = [
+        uid
+        for uid in standing
+        if np.linalg.norm(places - parked[uid].world_from_box[:3, 3], axis=1).min() < NEIGHBOURS_M
+    ]
+    stay = [uid for uid in near if uid not in removed | replaced]
+    beside = [_blocker(parked[uid], False) for uid in stay]
+    everywhere = np.eye(4)
+    everywhere[:3, 3] = places[0]
+    bare = replace(
+        state, light=None, weather=None, actors=(), static_copies=(),
+        removed_boxes=(Box(everywhere, np.full(3, EVERYWHERE_M)),),
+    )  # fmt: skip
+
+    def ordered(some: Sequence[Actor]) -> tuple[Actor, ...]:
+        return tuple(sorted(some, key=lambda actor: actor.uid))
+
+    return SunShadows(
+        state.light.sun,
+        replace(bare, actors=ordered([*actors, *(standing[uid] for uid in stay)]), static_copies=state.static_copies),
+        replace(bare, actors=ordered([standing[uid] for uid in near]), static_copies=statics),
+        actors,
+        replace(bare, removed_boxes=()),
+        _ring([b for b in before if b.changed], [parked[uid] for uid in near]),
+        (tuple([*now, *beside]), tuple([*before, *beside])),
+    )
+
+
+def _ring(gone: Sequence[_Blocker], parked: Sequence[Box]) -> FloatArray:
+    """Return places (M, 3) beside boxes that are gone and in none that was parked, at the height of their undersides."""
+    parts = [np.zeros((0, 3))]
+    for box in gone:
+        for beside in RING_M:
+            half = box.size_m[:2] / 2 + beside
+            steps = [np.arange(-h, h, RING_SPACING_M) for h in half]
+            ends = [np.stack([steps[0], np.full_like(steps[0], end)], -1) for end in (-half[1], half[1])]
+            ends += [np.stack([np.full_like(steps[1], end), steps[1]], -1) for end in (-half[0], half[0])]
+            local = np.concatenate(ends)
+            low = np.full((len(local), 1), -box.size_m[2] / 2)
+            parts.append(transform_points(box.poses[0], np.concatenate([local, low], 1)))
+    points = np.concatenate(parts)
+    for other in parked:
+        points = points[~points_in_box(points, other.world_from_box, np.asarray(other.size_m) + BESIDE_M)]
+    return points
+
+
+def _blocker(box: Box, changed: bool) -> _Blocker:
+    return _Blocker(box.world_from_box[None], np.asarray(box.size_m), changed)
+
+
+def _span(box: _Blocker, points: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the distances (N,) at which rays from points enter a box at any of its poses, and at which they leave it;
+    inf and -inf where they miss it."""
+    enter, leave = np.full(len(points), np.inf), np.full(len(points), -np.inf)
+    half = box.size_m / 2
+    for pose in box.poses[:1] if (box.poses == box.poses[0]).all() else box.poses:
+        local, along = transform_points(invert_pose(pose), points), direction @ pose[:3, :3]
+        safe = np.where(np.abs(along) < 1e-9, 1e-9, along)
+        a, b = (-half - local) / safe, (half - local) / safe
+        first, last = np.minimum(a, b).max(1), np.maximum(a, b).min(1)
+        hit = (first <= last) & (last > 0)
+        enter, leave = np.where(hit, np.minimum(enter, first), enter), np.where(hit, np.maximum(leave, last), leave)
+    return enter, leave
