@@ -340,7 +340,7 @@ HEADERS = {
 }
 """Where the header of each panel is: a button near it and how far below that, in pixels, while the panels between are
 closed."""
-BELOW = 220
+BELOW = 250
 """How far below its header a button of a panel is looked for, in pixels."""
 
 
