@@ -15,7 +15,7 @@ import numpy as np
 from mathutils import Euler, Vector
 
 sys.path.insert(0, str(Path(__file__).parent))
-from buttons import CROSS, found_at, open_panel, place_of, press
+from buttons import CROSS, found_at, open_panel, place_of, press, raised, region_of
 from hands import click, key, middle, place, sidebar, to
 from session import MODULE, OUT, area, choose, inside, results, screenshot, start, until, view
 from tasks import arrived, install, task
@@ -152,7 +152,9 @@ def drawn(at: Vector, yaw: float) -> Iterator[float]:
     yield 0.2
     before = {obj.name for obj in boxes()}
     yield from place_of("unisim.edit_boxes")
-    yield from to(found_at[0][0], found_at[0][1] - 20)
+    x, y = found_at[0]
+    y = yield from raised(y, region_of(view()[0], "UI").y + 60)
+    yield from to(x, y - 20)
     yield from click()
     yield 0.4
     yield from key("C")  # Car, where the menu opens upwards, too
