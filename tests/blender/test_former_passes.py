@@ -38,5 +38,5 @@ def test_a_file_with_the_former_name_has_the_same_choice(addon: Any, scene: Any,
 def test_flags_keep_their_numbers(scene: Any) -> None:
     items = scene.unisim.bl_rna.properties["passes"].enum_items
     assert {item.identifier: item.value for item in items} == {
-        "depth": 1, "normal": 2, "instance": 4, "opacity": 8, "unsupported": 16,
+        "depth": 1, "normal": 2, "instance": 4, "opacity": 8, "unsupported": 16, "confidence": 32,
     }  # fmt: skip

@@ -9,7 +9,9 @@ from unisim_blender.core.simulation.actors.model import MODELS
 from unisim_blender.core.simulation.actors.models.idm import Idm
 from unisim_blender.core.simulation.drivers import DRIVERS
 
-PAGE = (Path(__file__).parents[3] / "docs" / "reference" / "closed-loop.md").read_text(encoding="utf-8")
+PAGE = " ".join(
+    (Path(__file__).parents[3] / "docs" / "reference" / "closed-loop.md").read_text(encoding="utf-8").split()
+)
 
 
 def test_every_model_and_parameter() -> None:
