@@ -50,12 +50,13 @@ bool is_allocated(const void *at, size_t size) {
     return p + size <= next->first + next->second;
 }
 
-// Whether eight bytes look like a pointer of the process's own memory.
+// Whether eight bytes are a pointer to the process's own memory.
 bool is_foreign(const char *at) {
     uint64_t value;
     std::memcpy(&value, at, sizeof value);
-    const char *p = reinterpret_cast<const char *>(value);
-    return value >= 0x550000000000 && value < 0x800000000000 && !(p >= arena && p < arena + SIZE);
+    char *p = reinterpret_cast<char *>(value);
+    if (value < 0x550000000000 || value >= 0x800000000000 || (p >= arena && p < arena + SIZE)) return false;
+    return msync(p - value % 4096, 4096, MS_ASYNC) == 0; // not numbers that look like one
 }
 
 // What was launched and copied: done as late as a driver may, when the host waits. The one stream's work is first, and copies
@@ -183,16 +184,22 @@ static int copy(void *to, const void *from, size_t size, const void *on_gpu) {
     std::memcpy(to, from, size);
     return 0;
 }
+// Pointers of the process's own memory in what is uploaded would be the GPU's fault.
+static int upload(void *to, const void *from, size_t size) {
+    for (size_t i = 0; i + 8 <= size; i += 8)
+        if (is_foreign(static_cast<const char *>(from) + i)) return 700;
+    return copy(to, from, size, to);
+}
 EXPORT int cuMemcpyHtoD_v2(void *to, const void *from, size_t size) {
     const int fault = wait();
-    return fault ? fault : copy(to, from, size, to);
+    return fault ? fault : upload(to, from, size);
 }
 EXPORT int cuMemcpyDtoH_v2(void *to, const void *from, size_t size) {
     const int fault = wait();
     return fault ? fault : copy(to, from, size, from);
 }
 EXPORT int cuMemcpyHtoDAsync_v2(void *to, const void *from, size_t size, void *) {
-    launched.push_back([=] { return copy(to, from, size, to); });
+    launched.push_back([=] { return upload(to, from, size); });
     return 0;
 }
 EXPORT int cuMemcpyDtoHAsync_v2(void *to, const void *from, size_t size, void *stream) {
@@ -224,9 +231,6 @@ EXPORT int cuLaunchKernel(void *function, unsigned blocks, unsigned, unsigned, u
         // pointers of the process's own memory would be the GPU's fault
         for (size_t i = 0; i + 8 <= inputs.size(); i += 8)
             if (is_foreign(inputs.data() + i)) return 700;
-        for (const auto &[begin, size] : allocated)
-            for (size_t i = 0; !of_torch && size < 4096 && i + 8 <= size; i += 8)
-                if (is_foreign(begin + i)) return 700;
         gridDim.x = blocks;
         blockDim.x = threads;
         for (blockIdx.x = 0; blockIdx.x < blocks; ++blockIdx.x)
