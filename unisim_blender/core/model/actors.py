@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -59,7 +60,7 @@ class ActorField(nn.Module, ABC):
 
     def posed(self, rows: Tensor) -> Tensor:
         """Return rows (actors, *row) with those of poses behind them."""
-        return rows if self.gaits is None else torch.cat([rows, self.gaits(rows)])
+        return rows if self.gaits is None else self.gaits(rows)
 
     @abstractmethod
     def _query(self, tables: Tensor, x: Tensor, actor: Tensor, outputs: int | None) -> Tensor: ...
@@ -121,9 +122,35 @@ class Gaits(nn.Module):
     walkers: Tensor
 
     def forward(self, rows: Tensor) -> Tensor:
-        """Return the tables of poses (G * GAIT_BINS, *row) from the actors' own rows (actors, *row)."""
-        posed = torch.einsum("qk,gk...->gq...", self.basis, self.tables) + rows[self.walkers, None]
-        return posed.flatten(0, 1)
+        """Return the actors' own rows (actors, *row), and behind them the tables of poses (G * GAIT_BINS, *row)."""
+        posed: Tensor = _Posed.apply(rows, self.tables, self.basis, self.walkers)  # type: ignore[no-untyped-call]
+        return posed
+
+
+class _Posed(torch.autograd.Function):
+    """`Gaits`, which writes and reads its many tables once."""
+
+    @staticmethod
+    def forward(ctx: Any, rows: Tensor, tables: Tensor, basis: Tensor, walkers: Tensor) -> Tensor:
+        ctx.save_for_backward(basis, walkers)
+        parts = torch.cat([rows[walkers, None], tables], 1).flatten(2)
+        out = rows.new_empty(len(rows) + len(walkers) * len(basis), *rows.shape[1:])
+        out[: len(rows)] = rows
+        factors = torch.cat([torch.ones_like(basis[:, :1]), basis], 1).to(rows)
+        for part, into in zip(parts, out[len(rows) :].view(len(walkers), len(basis), -1), strict=True):
+            torch.mm(factors, part, out=into)
+        return out
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
+        basis, walkers = ctx.saved_tensors
+        (gradient,) = gradients
+        count = len(gradient) - len(walkers) * len(basis)
+        factors = torch.cat([torch.ones_like(basis[:, :1]), basis], 1).to(gradient)
+        of_poses = gradient[count:].reshape(len(walkers), len(basis), -1)
+        parts = torch.stack([factors.T @ part for part in of_poses]) if len(walkers) else of_poses.new_zeros(0, 1, 0)
+        of_rows = gradient[:count].index_add(0, walkers, parts[:, 0].view(-1, *gradient.shape[1:]))
+        return of_rows, parts[:, 1:].reshape(len(walkers), -1, *gradient.shape[1:]), None, None
 
 
 class GridActors(ActorField):
