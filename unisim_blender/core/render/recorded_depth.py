@@ -37,6 +37,7 @@ def trace_recorded(backend: Backend, header: SceneHeader) -> Iterator[float | Re
     with suppress(OSError):  # a scene that is not on disk has no cache
         file = cache_file(header, "depth", VIEWS_PER_SENSOR, IMAGE_COLUMNS, SWEEP_COLUMNS, SWEEP_ROWS)
     states, views = DriveStates(header.drive, backend.parked), []
+    rows = {uid: row for row, uid in enumerate(sorted(header.drive.actors), 1)}
     stored: dict[str, NDArray[Any]] = {}
     with suppress(OutputError):
         stored = {} if file is None else read_arrays(file, OutputError)
@@ -55,7 +56,6 @@ def trace_recorded(backend: Backend, header: SceneHeader) -> Iterator[float | Re
                 # a beam that does not return says nothing about its way
                 returns = tracer.returns(traced, rays.flat().directions)[1] >= 0.5
                 depth = np.where(returns & (depth <= sensor.model.max_range_m), depth, 0).astype(np.float32)
-            rows = {uid: row for row, uid in enumerate(sorted(header.drive.actors), 1)}
             table = np.array([0, *(rows.get(uid, 0) for uid in tracer.active.uids)], np.int16)
             depth, actor = depth.reshape(shape), table[traced.maps["instance"]].reshape(shape)
             stored |= {f"depth{number}": depth, f"actor{number}": actor}

@@ -387,17 +387,14 @@ class Renderer:
         cosine = -rays.directions[some, 2]
         up = rays.directions[some] * [1, 1, -1]
         rays = Rays(points[some] + [0, 0, MIRROR_LIFT_M], up, rays.time_s[some])
-        # one row of cells: a decoder that reads neighbours sees ground on both sides
-        traced = tracer.trace(rays, {"depth"}, True, None, RenderStats())
-        rgb = tracer.image(traced, up, camera.sensor_id, (1, len(some)))[0, :: tracer.upsample]
+        rgb, maps = self._row(exposure, rays, self._bound, tracer, {"depth"})
         tracer.quality = quality
-        light = linear_from_srgb(self._bound.exposed(rgb, camera.sensor_id, time_s))
-        light = exposure.air.over(light, camera_weather.air_through(weather, traced.maps["depth"]))
-        maps = np.zeros((shape[0] * shape[1], 6), np.float32)
-        maps[down[some], 0], maps[down[some], 1], maps[down[some], 2] = 1, depth[some], cosine
-        maps[down[some], 3:] = light
-        maps = maps.reshape(*shape, 6)
-        mirror = wet_ground.Mirror(maps[..., 0], maps[..., 1], maps[..., 2], maps[..., 3:])
+        light = exposure.air.over(linear_from_srgb(rgb), camera_weather.air_through(weather, maps["depth"]))
+        shown = np.zeros((shape[0] * shape[1], 6), np.float32)
+        shown[down[some], 0], shown[down[some], 1], shown[down[some], 2] = 1, depth[some], cosine
+        shown[down[some], 3:] = light
+        shown = shown.reshape(*shape, 6)
+        mirror = wet_ground.Mirror(shown[..., 0], shown[..., 1], shown[..., 2], shown[..., 3:])
         return mirror.drawn_out(small.model.pixels_per_rad)
 
     def _shadowing(self, state: WorldState, camera: Camera) -> list[Actor]:
@@ -755,11 +752,19 @@ class Renderer:
         distance = np.linalg.norm(to, axis=1, keepdims=True)
         directions = to / distance
         rays = Rays(points - directions * np.minimum(distance, PROBE_M), directions, np.full(len(points), time_s))
-        traced = tracer.trace(rays, {"instance", "depth"}, True, None, RenderStats())
-        # one row of cells: a decoder that reads neighbours sees ground on both sides
-        rgb = tracer.image(traced, directions, camera.sensor_id, (1, len(points)))[0, :: tracer.upsample]
-        rgb = binding.exposed(rgb, camera.sensor_id, time_s)
-        return rgb, np.where(traced.maps["instance"] == 0, traced.maps["depth"], np.inf)
+        rgb, maps = self._row(exposure, rays, binding, tracer, {"instance", "depth"})
+        return rgb, np.where(maps["instance"] == 0, maps["depth"], np.inf)
+
+    @staticmethod
+    def _row(
+        exposure: _Exposure, rays: Rays, binding: _Binding, tracer: Tracer[Any], needed: set[str]
+    ) -> tuple[NDArray[np.float32], Maps]:
+        """Return colours (N, 3), as in a camera's image, and the needed maps of flat rays (N,) that see no mesh. They are a row
+        of cells: a decoder that reads neighbours sees ground on both sides."""
+        sensor_id = exposure.camera.sensor_id
+        traced = tracer.trace(rays, needed, True, None, RenderStats())
+        rgb = tracer.image(traced, rays.directions, sensor_id, (1, len(rays.time_s)))[0, :: tracer.upsample]
+        return binding.exposed(rgb, sensor_id, exposure.time_s), traced.maps
 
     def _started_sweep(
         self, state: WorldState, lidar: Lidar, time_s: float, seed: Sequence[int] | None

@@ -21,7 +21,6 @@ from ..world.replay import WorldState
 from .changes import RenderedState, changed_beams, changed_regions, standing_pose
 from .renderer import Renderer
 
-PASS_FIELDS = ("rgb", "depth_m", "z_depth_m", "normal", "instance", "opacity", "unsupported", "confidence")
 MAX_CHANGED_SHARE = 0.7
 """Share of a frame that may differ above which all of it is rendered."""
 
@@ -106,7 +105,7 @@ def _image(
         return None
     frame = replace(before, model=camera.model_at(time_s), stats=RenderStats())
     frame.instances = renderer.tracer(rendered.state).active.uids
-    arrays = {name: values for name in PASS_FIELDS if (values := getattr(before, name)) is not None}
+    arrays = before.arrays()
     if "instance" in arrays:
         arrays["instance"] = _renumbered(arrays["instance"], before.instances, frame.instances)
     if regions:

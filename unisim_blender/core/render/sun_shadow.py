@@ -91,14 +91,14 @@ class SunShadows:
         toward = self.sun.direction
         start = np.full(len(points), START_M)
         candidates, is_own = np.zeros((2, len(points)), bool)
+        own = {box.uid: box for box in self._blockers[0] if box.uid}
         for number, uid in enumerate(instance, 1):
             mine = np.flatnonzero(which == number)
-            if not len(mine) or uid not in {actor.uid for actor in self.actors}:
+            if not len(mine) or uid not in own:
                 continue
             is_own[mine] = True
             # its own shadow on itself is part of its appearance
-            box = next(b for b in self._blockers[0] if b.uid == uid)
-            start[mine] = np.maximum(_span(box, points[mine], toward)[1], 0) + START_M
+            start[mine] = np.maximum(_span(own[uid], points[mine], toward)[1], 0) + START_M
         changed = [[b for b in group if b.changed] for group in self._blockers]
         for box in (*changed[0], *changed[1]):
             reach = shadow_reach_m(self.sun, box.size_m)
@@ -129,21 +129,19 @@ class SunShadows:
         self, factors: FloatArray, points: FloatArray, brightness: FloatArray, ring: GroundBeside, time_s: float,
         tracer: Tracer[Any],
     ) -> FloatArray:  # fmt: skip
-        """Return factors (N, 3) for points (N, 3) of linear ``brightness`` (N,) of which those above 1 make none brighter
-        than the ground beside in the same light: what stood there hid its shadow, too, so that the scene has not learnt
-        all of that. ``tracer`` is that of ``recorded``."""
-        lighter = np.flatnonzero(factors.max(1) > 1)
-        out = factors.copy()
-        out[lighter] = np.minimum(out[lighter], 1)
+        """Return factors (N, 3), each above 1 in a channel, for points (N, 3) of linear ``brightness`` (N,) so that they make
+        none brighter than the ground beside in the same light: what stood there hid its shadow, too, so that the scene
+        has not learnt all of that. ``tracer`` is that of ``recorded``."""
+        out = np.minimum(factors, 1)
         lit = np.isfinite(ring.brightness)
-        if self.sun.casts and lit.any() and len(lighter):
+        if self.sun.casts and lit.any():
             some = ring.points[lit]
             times, start = np.full(len(some), time_s), np.full(len(some), START_M)
             lit[lit] = self._visible(some, times, start, self.sun.direction, self._blockers[1], tracer) == 1
         if not lit.any():
             return out
         places, levels = ring.points[lit], ring.brightness[lit]
-        for part in np.array_split(lighter, len(lighter) // 4096 + 1):
+        for part in np.array_split(np.arange(len(points)), len(points) // 4096 + 1):
             apart = np.linalg.norm(points[part, None, :2] - places[None, :, :2], axis=-1)
             nearest = np.argsort(apart, axis=1, kind="stable")[:, :NEAREST]
             limit = np.maximum(np.median(levels[nearest], 1) / np.maximum(brightness[part], 1e-4), 1)

@@ -46,13 +46,12 @@ def seen_by(state: WorldState, sensor: Camera | Lidar, reach: Reach) -> WorldSta
     """Return the state with only those actors, static copies and removed boxes that the sensor's
     frame can depend on."""
     actors = tuple(actor for actor in state.actors if actor.visible_to(sensor))
+    light = None if isinstance(sensor, Lidar) else state.light
     # the road reflects what the sensor does not see, and spray drifts into its view
     if reach.whole or (state.weather is not None and state.weather.wet):
-        light = None if isinstance(sensor, Lidar) else state.light
         return replace(state, actors=actors, light=light).with_changes_alone()
     boxes = [copy_box(copy) for copy in state.static_copies] + list(state.removed_boxes)
     moments = np.linspace(state.start_s, state.end_s, EXPOSURE_MOMENTS)
-    light = None if isinstance(sensor, Lidar) else state.light
     corners = np.concatenate([_actor_corners(actors, moments, reach), _box_corners(boxes, len(moments))])
     if light is not None:
         changed = np.array([actor.uid in light.changed for actor in actors] + [True] * len(boxes))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,13 @@ class RenderStats:
             self.seconds[name] = self.seconds.get(name, 0.0) + value
 
 
+EMPTY_PIXEL = {
+    "rgb": 0.0, "depth_m": np.inf, "z_depth_m": np.inf, "normal": 0.0, "instance": 0.0, "opacity": 0.0,
+    "unsupported": True, "confidence": 0.0,
+}  # fmt: skip
+"""The arrays of a `CameraFrame`, with their values where a pixel shows nothing."""
+
+
 @dataclass
 class CameraFrame:
     """One image. Passes that were not asked for are None.
@@ -64,15 +72,16 @@ class CameraFrame:
     error_bound: ErrorBoundResult | None = None
     confidence: NDArray[np.float32] | None = None
 
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the colours and the passes that were asked for, by their names."""
+        return {name: array for name in EMPTY_PIXEL if (array := getattr(self, name)) is not None}
+
     def blank(self, shown: BoolArray) -> None:
         """Make the frame black and empty where ``shown`` (H, W) is False; colours in place of the array that is
         there."""
-        empty = dict.fromkeys(("rgb", "normal", "instance", "opacity", "confidence"), 0.0)
-        for name, nothing in {**empty, "depth_m": np.inf, "z_depth_m": np.inf, "unsupported": True}.items():
-            array = getattr(self, name)
-            if array is not None:
-                there = shown[..., None] if array.ndim == 3 else shown
-                setattr(self, name, np.where(there, array, array.dtype.type(nothing)))
+        for name, array in self.arrays().items():
+            there = shown[..., None] if array.ndim == 3 else shown
+            setattr(self, name, np.where(there, array, array.dtype.type(EMPTY_PIXEL[name])))
 
 
 @dataclass

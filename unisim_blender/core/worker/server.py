@@ -36,7 +36,6 @@ from ..render.tracers.surfels.model import SurfelScene
 from ..render.visibility import seen_by
 from ..scenes.recipe import Loaded, load_backend, pick_device
 from ..scenes.scene import OpenScenes, Scene
-from ..sensors.frames import CameraFrame
 from ..world.drive import Camera, Lidar
 from ..world.encoding import EncodingError, decode_sensor, decode_state
 from ..world.replay import WorldState
@@ -120,7 +119,7 @@ class Jobs:
             for part in renderer.progressive(state, camera, time_s, passes, region, coarse, band):
                 covered = part.region
                 yield self._leave(
-                    _arrays(part.frame), instances=list(part.frame.instances), origin=part.origin, stride=part.stride,
+                    part.frame.arrays(), instances=list(part.frame.instances), origin=part.origin, stride=part.stride,
                     rows=[covered.top, covered.bottom], columns=[covered.left, covered.right],
                 )  # fmt: skip
 
@@ -306,12 +305,6 @@ def _text(request: WorkerMessage, name: str) -> str:
     if not isinstance(value := request.get(name), str):
         raise UnisimError(f"the request has no {name}: the worker is of another version than the extension")
     return value
-
-
-def _arrays(image: CameraFrame) -> dict[str, NDArray[Any]]:
-    """Return an image's colours and passes by their names."""
-    names = ("rgb", "depth_m", "z_depth_m", "normal", "instance", "opacity", "unsupported", "confidence")
-    return {name: value for name in names if (value := getattr(image, name)) is not None}
 
 
 def all_jobs(folder: Path) -> dict[str, WorkerJob]:
