@@ -147,6 +147,7 @@ class UniSimEngine(bpy.types.RenderEngine):
             clip=clip,
             quality=scene.unisim.quality,
             shadows=scene.unisim.contact_shadows,
+            fill="texture" if scene.unisim.fill_ground else "none",
             device=device(),
             rows=[height - top, height - bottom],
             columns=[left, right],

@@ -86,6 +86,7 @@ def _apply_settings(target: Target) -> None:
         scene.unisim.formats = set(outputs.formats or FRAME_FORMATS)
         scene.unisim.quality = outputs.quality or "balanced"
         scene.unisim.contact_shadows = bool(outputs.contact_shadows)
+        scene.unisim.fill_ground = outputs.fill == "texture"
 
 
 def apply_static(target: Target) -> None:

@@ -255,7 +255,15 @@ def scene_key(plan: RenderPlan) -> str:
     """Return a digest of what a renderer loads: equal for plans that one renderer's scene renders."""
     own = {name: plan.scenes[name] for name in ("", *other_scenes(plan.drive)) if name in plan.scenes}
     settings = plan.settings
-    parts = [own, settings.renderer, settings.quality, settings.device, settings.draw, settings.contact_shadows]
+    parts = [
+        own,
+        settings.renderer,
+        settings.quality,
+        settings.device,
+        settings.draw,
+        settings.contact_shadows,
+        settings.fill,
+    ]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 

@@ -18,6 +18,7 @@ from ..progress import Bar
 from ..remote.requests import is_url
 from ..render.quality import QUALITIES
 from ..scenes.recipe import pick_device
+from ..sensors.frames import FILLS
 
 PATH = click.Path(path_type=Path)
 QUALITY = click.Choice(list(QUALITIES))
@@ -103,6 +104,11 @@ def render_options(
         ),
         "width": click.option("--width", type=click.IntRange(min=8), help=f"{width} [default: the cameras' own]"),
         "quality": click.option("--quality", type=QUALITY, help=f"Samples per ray. [default: {owner}, or balanced]"),
+        "fill": click.option(
+            "--fill",
+            type=click.Choice(FILLS),
+            help=f"texture: ground that nobody saw has the texture of the street around it. [default: {owner}, or none]",
+        ),
         "renderer": click.option("--renderer", help=renderer, **kind),
         "scene": click.option("--scene", type=SourceParam(), help=f"A trained scene, in place of {scene or owner}."),
         "boxes": click.option("--boxes", type=PATH, help=f"{BOXES_HELP} Not with a trained scene, which has its own."),

@@ -18,6 +18,8 @@ from ..errors import ScenarioError, SceneError
 from ..formats.readers import open_log
 from ..presets import methods
 from ..render.captures import CaptureStates
+from ..render.ground_fill import ground_fill, trace_ground
+from ..render.observed_space import Observing
 from ..render.quality import Quality, quality_named
 from ..render.renderer import Renderer, reach_of
 from ..render.tracer import Backend
@@ -107,7 +109,18 @@ class TrainedMethod(RenderMethod):
     def load(self, recipe: RendererRecipe) -> Renderer:
         """Load the scene and those that actors were inserted from. Raises `SceneError`."""
         assert recipe.scene is not None
-        return Renderer(load_backend(recipe.scene, recipe.others, recipe.quality, recipe.device), recipe.shadows)
+        backend = load_backend(recipe.scene, recipe.others, recipe.quality, recipe.device)
+        fill = ground_fill(backend) if recipe.fill == "texture" and isinstance(backend, Observing) else None
+        return Renderer(backend, recipe.shadows, fill=fill)
+
+    def steps(self, recipe: RendererRecipe) -> Iterator[Step]:
+        """Trace and fill the ground, step by step, where it is not kept and asked for. Raises `SceneError`."""
+        if recipe.fill == "texture" and recipe.scene is not None:
+            backend = load_backend(recipe.scene, {}, recipe.quality, recipe.device)
+            assert isinstance(backend, Observing)
+            for step in trace_ground(backend):
+                if isinstance(step, float):
+                    yield Step("Filling the ground", step)
 
     def digests(self, recipe: RendererRecipe, drive: Drive) -> dict[str, str]:
         assert recipe.scene is not None

@@ -42,6 +42,7 @@ class RenderOptions:
     sources: str | None = None
     scene: Path | str | None = None
     boxes: Path | None = None
+    fill: str | None = None
 
 
 def plan_scenario(
@@ -124,9 +125,20 @@ def _settings(prepared: PreparedScenario, options: RenderOptions, method: Render
         device=_device(prepared, options, method),
         draw=options.draw,
         contact_shadows=bool(outputs.contact_shadows),
+        fill=_fill(prepared, options, method),
         max_error=tuple(map(str, options.max_error)),
         renderer=method.name,
     )
+
+
+def _fill(prepared: PreparedScenario, options: RenderOptions, method: RenderMethod) -> str:
+    """Return how the ground that nobody saw is filled. Raises `UnisimError`."""
+    fill = options.fill or (prepared.scenario.outputs or Outputs()).fill or "none"
+    if fill != "none" and not method.trained:
+        raise UnisimError(
+            f"--fill {fill}: fills what trained scenes do not know, not the images of --renderer {method.name}"
+        )
+    return fill
 
 
 def _device(prepared: PreparedScenario, options: RenderOptions, method: RenderMethod) -> str:
@@ -167,6 +179,7 @@ def _recipe(
         frames=sources,
         code=code_identity()["sha256"],
         environment=environment(settings.device, scenes_of(scene, others)),
+        fill=settings.fill,
     )
 
 

@@ -66,6 +66,16 @@ class DepthView:
         u, v = np.where(inside, u, 0.0).astype(np.int64), np.where(inside, v, 0.0).astype(np.int64)
         return v * width + np.minimum(u, width - 1), inside
 
+    def shows(self, points: FloatArray) -> tuple[BoolArray, Array]:
+        """Return whether the view shows static surfaces at points (N, 3), world frame, and their distances (N,) in metres."""
+        to = points - self.world_from_view[:3, 3]
+        cell, inside = self.cells(to @ self.world_from_view[:3, :3])
+        distance = np.linalg.norm(to, axis=1).astype(np.float32)
+        near, far = self.nearest.reshape(-1)[cell], self.farthest.reshape(-1)[cell]
+        tolerance = TOLERANCE_M + TOLERANCE * distance
+        shown = inside & (distance >= near - tolerance) & (distance <= far + tolerance)
+        return shown & (self.actor.reshape(-1)[cell] == 0), distance
+
 
 @dataclass(frozen=True)
 class ViewEvidence:

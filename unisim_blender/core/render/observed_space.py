@@ -346,7 +346,7 @@ def store_in_cache(file: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
             old.unlink(missing_ok=True)
 
 
-def cache_file(header: SceneHeader, kind: str, *settings: int) -> Path:
+def cache_file(header: SceneHeader, kind: str, *settings: int | str) -> Path:
     """Return the file in the user's cache folder for what was computed of a scene with these settings."""
     about = json.dumps([SPACE_VERSION, *settings, header.training, header.volume], sort_keys=True, default=str)
     identity = f"{about} {weights_hash(header.path)}"

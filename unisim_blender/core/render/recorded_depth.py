@@ -32,7 +32,7 @@ IMAGE_COLUMNS, SWEEP_COLUMNS, SWEEP_ROWS = 240, 720, 64
 def trace_recorded(backend: Backend, header: SceneHeader) -> Iterator[float | RecordedDepth]:
     """Trace the images and sweeps that a scene was trained on: yield the fractions of work done, and last the result, which is
     cached among the user's files."""
-    shots = list(_shots(header))
+    captures = list(shots(header))
     file = None
     with suppress(OSError):  # a scene that is not on disk has no cache
         file = cache_file(header, "depth", VIEWS_PER_SENSOR, IMAGE_COLUMNS, SWEEP_COLUMNS, SWEEP_ROWS)
@@ -41,8 +41,8 @@ def trace_recorded(backend: Backend, header: SceneHeader) -> Iterator[float | Re
     stored: dict[str, NDArray[Any]] = {}
     with suppress(OutputError):
         stored = {} if file is None else read_arrays(file, OutputError)
-    for number, (sensor, time_s) in enumerate(shots):
-        yield number / len(shots)
+    for number, (sensor, time_s) in enumerate(captures):
+        yield number / len(captures)
         view, rays = _empty_view(sensor, time_s)
         shape = rays.time_s.shape
         depth, actor = stored.get(f"depth{number}"), stored.get(f"actor{number}")
@@ -59,7 +59,7 @@ def trace_recorded(backend: Backend, header: SceneHeader) -> Iterator[float | Re
             table = np.array([0, *(rows.get(uid, 0) for uid in tracer.active.uids)], np.int16)
             depth, actor = depth.reshape(shape), table[traced.maps["instance"]].reshape(shape)
             stored |= {f"depth{number}": depth, f"actor{number}": actor}
-            if file is not None and number == len(shots) - 1:
+            if file is not None and number == len(captures) - 1:
                 store_in_cache(file, stored)
         near, far = around(depth)
         views.append(replace(view, nearest=near, farthest=far, actor=np.asarray(actor, np.int16)))
@@ -75,7 +75,7 @@ def recorded_depth(backend: Backend, header: SceneHeader) -> RecordedDepth:
     return result
 
 
-def _shots(header: SceneHeader) -> Iterator[tuple[Camera | Lidar, float]]:
+def shots(header: SceneHeader) -> Iterator[tuple[Camera | Lidar, float]]:
     """Yield sensors and times of the frames that a scene was trained on, `VIEWS_PER_SENSOR` at most of each."""
     drive, training = header.drive, header.training
     trained = set(training.get("frames", ())) & set(drive.frames) or set(drive.frames)

@@ -5,6 +5,7 @@ Backend.bind                the scene, ready for this state                trace
 hit_by_camera, hit_by_rays  where rays hit meshes                         meshes/
 Tracer.trace                samples, fields, depth order, passes
 Tracer.image, returns       features to pixels, to intensity and returns
+_filled                     ground that nobody saw           ground_fill.py
 _shaded, fill_passes        shadows, cells to pixels         contact_shadow.py, sun_shadow.py, lattice.py
 _finished, finish           weather                                        weather/
 
@@ -26,7 +27,7 @@ from numpy.typing import NDArray
 from ..colour import linear_from_srgb
 from ..data.exposures import Exposures
 from ..errors import SceneError
-from ..geometry import FloatArray
+from ..geometry import BoolArray, FloatArray
 from ..meshes.exposure import PROBE_M, beside, level_of
 from ..sensors.bounds import beside_boxes
 from ..sensors.camera import along_axis, camera_rays, pixel_grid
@@ -42,6 +43,7 @@ from ..world.drive import Actor, Camera, Lidar
 from ..world.replay import WorldState
 from .confidence import RecordedDepth, ViewEvidence, probability
 from .contact_shadow import SHADOW_CUTOFF_M, dimmed, displaced, faded, shaded
+from .ground_fill import HEIGHT_M, GroundFill
 from .lattice import NEAR_BOXES, Region, SparseImage, Tile, aligned, fill_passes, progressive_strides
 from .quality import QUALITIES, Quality
 from .sun_shadow import GroundBeside, SunShadows, sun_shadows
@@ -97,6 +99,8 @@ class _Exposure:
     """Spray behind vehicles, once it is looked for."""
     particles: camera_weather.DrawnParticles | None = None
     """Drops and flakes in the image, once they are drawn."""
+    fill: GroundFill | None = None
+    """What the ground has where nobody saw it; None where that is to stay as the scene has it."""
 
     @property
     def is_shaded(self) -> bool:
@@ -105,8 +109,13 @@ class _Exposure:
 
     @property
     def needs_rays(self) -> bool:
-        """Whether the frame is finished by its rays: for shadows and for confidence."""
-        return self.is_shaded or "confidence" in self.passes
+        """Whether the frame is finished by its rays: for shadows, for filled ground and for confidence."""
+        return self.is_drawn_on or "confidence" in self.passes
+
+    @property
+    def is_drawn_on(self) -> bool:
+        """Whether the image is changed by what its rays hit."""
+        return self.is_shaded or self.fill is not None
 
 
 class _Binding:
@@ -144,7 +153,7 @@ class Renderer:
 
     ``shadows`` adds contact shadows under inserted actors. ``lighting`` is the backend that traces the ground around
     meshes, from which they are lit, where ``backend`` shows only part of it. ``recorded_depth`` is what confidence is
-    computed from, where it is at hand.
+    computed from, where it is at hand. ``fill`` is what the ground has where nobody saw it.
     """
 
     def __init__(
@@ -153,8 +162,9 @@ class Renderer:
         shadows: bool = False,
         lighting: Backend | None = None,
         recorded_depth: RecordedDepth | None = None,
+        fill: GroundFill | None = None,
     ) -> None:
-        self.backend, self.shadows, self._recorded_depth = backend, shadows, recorded_depth
+        self.backend, self.shadows, self._recorded_depth, self.fill = backend, shadows, recorded_depth, fill
         self._bound = _Binding(backend)
         self._blockers = {name: _Binding(backend) for name in ("edited", "recorded", "bare")}
         self._behind, self._empty = _Binding(backend), _Binding(backend)
@@ -280,6 +290,7 @@ class Renderer:
         return (
             state.weather is None
             and state.light is None
+            and self.fill is None
             and _alone(tracer)
             and not tracer.active.mesh_actors.seen_by(camera).actors
             and not self._shadowing(state, camera)
@@ -307,10 +318,12 @@ class Renderer:
             for actor in displaced(state, recorded)
             if actor.uid in tracer.active.uids
         }
-        needed = _needed(self._with_evidence(passes), bool(shadowing or moved or shadows))
+        drawn_on = bool(shadowing or moved or shadows or self.fill is not None)
+        needed = _needed(self._with_evidence(passes), drawn_on)
         needed |= WEATHER_MAPS if state.weather is not None else set()
         undeciding = needed - _needed(set(passes) - {"confidence"}, False)
         exposure = _Exposure(tracer, state, camera, time_s, passes, needed, undeciding, shadowing, moved, shadows)
+        exposure.fill = self.fill
         if state.weather is not None:
             exposure.air = self.air(state, camera, time_s)
         return exposure
@@ -502,7 +515,7 @@ class Renderer:
             inner = part.within((rows, columns), 1)
             maps = {name: x[inner].reshape(-1, *x.shape[2:]) for name, x in values.items()}
             across, down = u[:, inner[1]], v[inner[0]]
-            finishes = exposure.needs_rays if finished is not None else exposure.is_shaded
+            finishes = exposure.needs_rays if finished is not None else exposure.is_drawn_on
             rays = camera_rays(camera, time_s, *np.broadcast_arrays(across, down)) if finishes else None
             along: FloatArray | Array | None = None
             if "depth" in maps:
@@ -609,9 +622,13 @@ class Renderer:
         is for depths (`fill_passes`)."""
         camera, time_s = exposure.camera, exposure.time_s
         up = exposure.tracer.upsample
-        if exposure.is_shaded:
+        if exposure.is_drawn_on:
             assert rays is not None
-            image = self._shaded(exposure, image, rays, maps)
+            points, ground = _ground(exposure, image.shape, rays, maps)
+            if exposure.fill is not None:
+                image, maps = self._filled(exposure, exposure.fill, image, points, ground, maps)
+            if exposure.is_shaded:
+                image = self._shaded(exposure, image, points, ground, rays, maps)
         exposure.stats.seconds["image"] = time.perf_counter() - exposure.begun
         pose = camera.world_from_camera.at(time_s)
         model = camera.model_at(time_s)
@@ -682,15 +699,41 @@ class Renderer:
         rgb, depth = self._probed(exposure, points, self._lighting, tracer)
         return level_of(rgb[depth < 2 * PROBE_M])
 
-    def _shaded(self, exposure: _Exposure, image: NDArray[np.float32], rays: Rays, maps: Maps) -> NDArray[np.float32]:
-        """Return the image of rays (h, w) with contact shadows on the ground, and the sun's shadows that edits move."""
-        up = exposure.tracer.upsample
-        depth = maps["depth"].reshape(rays.time_s.shape).astype(np.float64)
-        points = rays.origins + rays.directions * np.where(np.isfinite(depth), depth, 1e6)[..., None]
-        ground = (maps["instance"].reshape(rays.time_s.shape) == 0) & np.isfinite(depth)
-        points, ground = (
-            np.repeat(np.repeat(x, up, 0), up, 1)[: image.shape[0], : image.shape[1]] for x in (points, ground)
-        )
+    def _filled(
+        self,
+        exposure: _Exposure,
+        fill: GroundFill,
+        image: NDArray[np.float32],
+        points: FloatArray,
+        ground: BoolArray,
+        maps: Maps,
+    ) -> tuple[NDArray[np.float32], Maps]:
+        """Return the image, and its maps, with the ground filled where nobody saw it, which no recorded ray supports. Pixels show
+        ``points`` (H, W, 3), ``ground`` (H, W) where those are of no actor."""
+        up, below = exposure.tracer.upsample, np.flatnonzero(ground)
+        ground = ground.copy()
+        heights = exposure.tracer.heights(points.reshape(-1, 3)[below])
+        ground.reshape(-1)[below] = np.abs(heights) < HEIGHT_M
+        colours, share = fill.of_image(points, ground)
+        colours = self._bound.exposed(colours, exposure.camera.sensor_id, exposure.time_s)
+        image = np.where(share > 0, image + share * (colours - image), image)
+        if "unsupported" in maps:
+            few = share[up // 2 :: up, up // 2 :: up, 0].reshape(-1)
+            maps = {**maps, "unsupported": maps["unsupported"] | (few > 0.5)}
+        return image, maps
+
+    def _shaded(
+        self,
+        exposure: _Exposure,
+        image: NDArray[np.float32],
+        points: FloatArray,
+        ground: BoolArray,
+        rays: Rays,
+        maps: Maps,
+    ) -> NDArray[np.float32]:
+        """Return the image of rays (h, w) with contact shadows on the ground, and the sun's shadows that edits move. Pixels show
+        ``points`` (H, W, 3), ``ground`` (H, W) where those are of no actor."""
+        up, depth = exposure.tracer.upsample, maps["depth"].reshape(rays.time_s.shape).astype(np.float64)
         shape = *rays.time_s.shape, 3
         rgb = image[up // 2 :: up, up // 2 :: up].reshape(-1, 3)
         image = shaded(image, points, ground, exposure.shadowing, exposure.time_s)
@@ -789,6 +832,10 @@ class Renderer:
                 # as beams and columns: neighbours are traced together
                 depth, intensity, probability, instance = self.beams(state, rays, lidar, stats)
             shape = rays.time_s.shape
+            if values is not None:
+                intensity = self._filled_intensity(
+                    state, rays.flat(), depth.reshape(-1), intensity.reshape(-1), instance
+                )
             measured = BeamMeasurements(
                 depth.reshape(shape), intensity.reshape(shape), probability.reshape(shape), instance.reshape(shape)
             )
@@ -829,8 +876,29 @@ class Renderer:
             bright[mesh_hits.ray] = mesh_hits.intensity
             intensity = _laid_over(intensity, bright, traced.mesh_opacity)
             probability = _laid_over(probability, 1.0, traced.mesh_opacity)
-        depth = np.nan_to_num(traced.maps["depth"], posinf=0.0)
-        return depth, intensity, probability, traced.maps["instance"].astype(np.int32)
+        depth, instance = np.nan_to_num(traced.maps["depth"], posinf=0.0), traced.maps["instance"].astype(np.int32)
+        return depth, self._filled_intensity(state, flat, depth, intensity, instance), probability, instance
+
+    def _filled_intensity(
+        self, state: WorldState, rays: Rays, depth: Array, intensity: Array, instance: NDArray[np.int32]
+    ) -> Array:
+        """Return the intensities (N,) of flat beams (N,), those on ground that no sweep saw as it is filled."""
+        if self.fill is None:
+            return intensity
+        points = rays.origins + rays.directions * depth[:, None]
+        ground = (instance.reshape(-1) == 0) & (depth > 0) & (np.abs(self.tracer(state).heights(points)) < HEIGHT_M)
+        filled, share = self.fill.of_beams(points, ground)
+        return np.where(share[:, 0] > 0, intensity + share[:, 0] * (filled[:, 0] - intensity), intensity)
+
+
+def _ground(exposure: _Exposure, shape: tuple[int, ...], rays: Rays, maps: Maps) -> tuple[FloatArray, BoolArray]:
+    """Return the places (H, W, 3) that the pixels of an image of ``shape`` show by rays (h, w), and where those are of no actor
+    (H, W)."""
+    up, depth = exposure.tracer.upsample, maps["depth"].reshape(rays.time_s.shape).astype(np.float64)
+    points = rays.origins + rays.directions * np.where(np.isfinite(depth), depth, 1e6)[..., None]
+    ground = (maps["instance"].reshape(rays.time_s.shape) == 0) & np.isfinite(depth)
+    points, ground = (np.repeat(np.repeat(x, up, 0), up, 1)[: shape[0], : shape[1]] for x in (points, ground))
+    return points, ground
 
 
 def _alone(tracer: Tracer[Any]) -> bool:

@@ -158,6 +158,7 @@ class RendererRecipe:
     frames: tuple[int, ...] | None
     code: str
     environment: Mapping[str, str]
+    fill: str = "none"
 
     def check(self) -> None:
         """Check that this machine renders the bytes of the one that planned. Raises `UnisimError`."""

@@ -14,6 +14,8 @@ from .error_bound import ErrorBoundResult
 
 CAMERA_PASSES = ("rgb", "depth", "normal", "instance", "opacity", "unsupported", "confidence")
 """Passes a camera frame can hold; ``rgb`` alone is rendered where nothing else was asked for."""
+FILLS = ("none", "texture")
+"""What is shown where nobody saw the ground: what the scene has there, or the texture of the street around it."""
 FORMER_PASSES = {"support": "unsupported"}
 """Former names of passes, which scenario files and the command line may still have."""
 

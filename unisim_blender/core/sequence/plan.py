@@ -43,6 +43,8 @@ class SequenceSettings:
     max_error: tuple[str, ...] = ()
     """Error bounds that every frame must keep; ``quality`` then holds for sensors without a bound."""
     renderer: str = "neural"
+    fill: str = "none"
+    """What is shown where nobody saw the ground, one of `frames.FILLS`."""
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from ..formats.readers import drive_in, open_log
 from ..prepare.renderers import UNTRAINED_DEFAULT
 from ..render.changes import RenderedState, changed_regions, joined_where_cheaper
 from ..render.confidence import RecordedDepth
+from ..render.ground_fill import GroundFill, trace_ground
 from ..render.lattice import Region
 from ..render.observed_space import ObservedSpace, Observing, cache_space, cached_space, observe_space
 from ..render.recorded_depth import trace_recorded
@@ -47,7 +48,7 @@ BAND_PIXELS = 32768
 """Pixels of a band, between which a request can be cancelled: 0.1 s on two cores."""
 PREVIEWED = 0.1
 """A smaller part of an image has no previews."""
-RENDERED_BY = ("sensor", "time_s", "log", "scene", "quality", "device", "shadows", "clip", "passes")
+RENDERED_BY = ("sensor", "time_s", "log", "scene", "quality", "device", "shadows", "fill", "clip", "passes")
 """Members of a request that an image depends on beside its state. Scenes of actors are members of the state."""
 PRELIMINARY_REACH_S = 0.25
 """Time, seconds, about that of preliminary surfels in which they are rendered."""
@@ -68,6 +69,7 @@ class Jobs:
         """Surfels for first images, and the time, seconds, near which they were recorded."""
         self.spaces: dict[Scene, ObservedSpace] = {}
         self.depths: dict[Scene, RecordedDepth] = {}
+        self.fills: dict[Scene, GroundFill] = {}
         self.build: Iterator[Step | SurfelScene] | None = None
         self.first_build: tuple[float, Iterator[Step | SurfelScene]] | None = None
         self.rendered: dict[int, RenderedState] = {}
@@ -81,8 +83,8 @@ class Jobs:
     def camera(self, request: WorkerMessage) -> Iterator[WorkerMessage]:
         """Render an image, in bands of rows from the top.
 
-        The request has the members of `capture_request`, ``passes``, ``quality``, ``device`` and ``shadows``,
-        and optionally:
+        The request has the members of `capture_request`, ``passes``, ``quality``, ``device``,
+        ``shadows`` and ``fill``, and optionally:
 
         - ``rows``, ``columns``: (first, past the last) of the region to render; the whole image without them.
         - ``update``: an image is there that lacks nothing but the ``unfinished`` regions (left, top, right, bottom) of
@@ -176,11 +178,14 @@ class Jobs:
             depth = None
             if "confidence" in request.get("passes", ()) and isinstance(backend, Observing):
                 depth = yield from self._recorded_depth(backend, scene)
+            fill = None
+            if request.get("fill") == "texture" and isinstance(backend, Observing):
+                fill = yield from self._fill(backend, scene)
             clip = bool(request.get("clip"))
             if (clip or "unsupported" in request.get("passes", ())) and isinstance(backend, Observing):
                 space = yield from self._space(backend, scene)
-                return Renderer(backend.within(space, clip), shadows, backend, depth)
-            return Renderer(backend, shadows, recorded_depth=depth)
+                return Renderer(backend.within(space, clip), shadows, backend, depth, fill)
+            return Renderer(backend, shadows, recorded_depth=depth, fill=fill)
         else:
             log = self._log(request)
             first = request.get("preliminary") and self.surfels is None
@@ -197,6 +202,16 @@ class Jobs:
                 else:
                     yield {"event": "progress", "text": "Working out what was observed", "share": step}
         return self.depths[scene]
+
+    def _fill(self, backend: Observing, scene: Scene) -> Generator[WorkerMessage, None, GroundFill]:
+        """Return the filled ground of a trained scene; yields events of progress while it is computed."""
+        if scene not in self.fills:
+            for step in trace_ground(backend):
+                if isinstance(step, GroundFill):
+                    self.fills = {scene: step}
+                else:
+                    yield {"event": "progress", "text": "Filling the ground", "share": step}
+        return self.fills[scene]
 
     def _space(self, backend: Observing, scene: Scene) -> Generator[WorkerMessage, None, ObservedSpace]:
         """Return the space that a trained scene's recording observed; yields events of progress

@@ -196,6 +196,10 @@ class UniSimScene(bpy.types.PropertyGroup):
         "Images of sequences have this width; while off, each camera has its own",
     )
     contact_shadows: BoolProperty(name="Contact shadows", description="Soft shadows under copied and inserted actors")
+    fill_ground: BoolProperty(
+        name="Fill Ground",
+        description="Ground that nobody saw has the texture of the street around it. It is computed once for a trained scene",
+    )
     show_ways: BoolProperty(
         name="Trajectories",
         description="Draw trajectories of the selected actors with their speed, and the recorded trajectories",

@@ -67,6 +67,7 @@ class UNISIM_PT_passes(DrivePanel, bpy.types.Panel):
         column.column().prop(about, "passes")
         column.prop(about, "opacity_pass")
         column.prop(about, "contact_shadows")
+        column.prop(about, "fill_ground")
         column.prop(about, "clip_render")
 
 
@@ -118,3 +119,4 @@ class UNISIM_PT_render(bpy.types.Panel):
         layout.use_property_split, layout.use_property_decorate = True, False
         layout.prop(context.scene.unisim, "quality")
         layout.prop(context.scene.unisim, "contact_shadows")
+        layout.prop(context.scene.unisim, "fill_ground")
