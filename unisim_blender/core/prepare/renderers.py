@@ -129,7 +129,8 @@ class TrainedMethod(RenderMethod):
 
     def states(self, recipe: RendererRecipe, drive: Drive) -> CaptureStates:
         assert recipe.scene is not None
-        return CaptureStates(DriveStates(drive, recipe.scene.header.parked), reach_of(recipe.shadows))
+        contact = recipe.shadows or recipe.fill != "none"
+        return CaptureStates(DriveStates(drive, recipe.scene.header.parked), reach_of(contact))
 
 
 for method in (SURFEL, WARP, *(TrainedMethod(name) for name in methods())):

@@ -41,6 +41,8 @@ UNSURE_TEXELS, FEATHER_TEXELS = 2, 3
 """Texels beside those that were seen that are not filled, and over how many the filling grows from there."""
 ON_SURFACE_M, PROBE_M = 0.3, 1.0
 """Largest distance of the scene's surface from a texel that it shows, and of the beginning of a ray to it, metres."""
+COLOUR_PART = 0.8
+"""Largest part of a colour that is replaced: the mean of two guesses is better than either."""
 ALONG = 5
 """How often the map is halved along the drive, before it is halved in both directions."""
 HEIGHT_M = 0.15
@@ -187,6 +189,7 @@ def _traced(
         source, seen = known[kind].reshape(shape), (closest[kind] >= 0).reshape(shape)
         out[name] = filled(values[kind].reshape(*shape, -1), source)
         out[share] = _share(source, seen, texel_m)
+    out["colour_share"] *= np.float32(COLOUR_PART)
     yield out
 
 

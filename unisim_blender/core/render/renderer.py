@@ -272,7 +272,7 @@ class Renderer:
 
     @property
     def reach(self) -> Reach:
-        return reach_of(self.shadows)
+        return reach_of(self.shadows or self.fill is not None)
 
     def margin(self, state: WorldState) -> int:
         """Return the number of pixels beside a ray's own that depend on it: the reach of the decoder, and the lattice's
@@ -708,13 +708,16 @@ class Renderer:
         ground: BoolArray,
         maps: Maps,
     ) -> tuple[NDArray[np.float32], Maps]:
-        """Return the image, and its maps, with the ground filled where nobody saw it, which no recorded ray supports. Pixels show
-        ``points`` (H, W, 3), ``ground`` (H, W) where those are of no actor."""
+        """Return the image, and its maps, with the ground filled where nobody saw it, which no recorded ray supports, with contact
+        shadows of actors that were recorded: others' are added later. Pixels show ``points`` (H, W, 3), ``ground`` (H, W) where
+        those are of no actor."""
         up, below = exposure.tracer.upsample, np.flatnonzero(ground)
         ground = ground.copy()
         heights = exposure.tracer.heights(points.reshape(-1, 3)[below])
         ground.reshape(-1)[below] = np.abs(heights) < HEIGHT_M
         colours, share = fill.of_image(points, ground)
+        recorded = [a for a in exposure.state.actors if not a.inserted and a.visible_to(exposure.camera)]
+        colours = shaded(colours, points, ground, recorded, exposure.time_s)
         colours = self._bound.exposed(colours, exposure.camera.sensor_id, exposure.time_s)
         image = np.where(share > 0, image + share * (colours - image), image)
         if "unsupported" in maps:

@@ -1,0 +1,136 @@
+"""The ground that nobody saw, filled with what was seen of the same street: in images and in sweeps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drive_frames import DriveFrames
+
+from unisim_blender.core import native
+from unisim_blender.core.render import ground_fill as module
+from unisim_blender.core.render import recorded_depth as recorded_depth_module
+from unisim_blender.core.render.ground_fill import GroundFill, filled, ground_fill, trace_ground
+from unisim_blender.core.render.lattice import Region
+from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
+from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
+from unisim_blender.core.world.drive import Drive
+
+SAMPLE = Path(__file__).parents[3] / "sample" / "scene"
+FRAME = 5
+
+
+def test_markings_go_on_along_the_street() -> None:
+    street = np.zeros((61, 17, 1), np.float32)
+    street[:, 5], street[:, 12] = 1.0, 0.5
+    known = np.zeros(street.shape[:2], bool)
+    known[:40] = True
+    known[10:14, 4:7] = False
+    gaps = np.where(known[..., None], street, np.float32(7))
+    np.testing.assert_allclose(filled(gaps, known), street, atol=1e-6)
+    # halved in both directions at once, the far end is a mean of all
+    assert np.abs(filled(gaps, known, along=0)[-1, :, 0] - street[-1, :, 0]).max() > 0.3
+
+
+def test_what_is_known_stays_and_nothing_comes_of_nothing() -> None:
+    values = np.random.default_rng(0).random((9, 14, 3)).astype(np.float32)
+    known = np.random.default_rng(1).random((9, 14)) > 0.7
+    out = filled(values, known)
+    np.testing.assert_array_equal(out[known], values[known])
+    assert out.min() >= values[known].min() - 1e-6 and out.max() <= values[known].max() + 1e-6
+    assert not filled(values, np.zeros_like(known)).any()
+
+
+def test_places_between_texels_and_outside_of_the_map() -> None:
+    colours = np.arange(4 * 3 * 3, dtype=np.float32).reshape(4, 3, 3)
+    share = np.ones((4, 3, 1), np.float32)
+    grid_from_world = np.eye(4)
+    grid_from_world[:3, 3] = [10, 20, 0]
+    fill = GroundFill(grid_from_world, 2.0, colours, share, colours[..., :1], share)
+    points = np.array([[-9.0, -19, 5], [-8, -19, 0], [-3, -15, 0], [-3, -14.9, 0], [-8, -19, 0]])
+    ground = np.array([True, True, True, True, False])
+    shown, part = fill.of_image(points, ground)
+    np.testing.assert_allclose(shown[[0, 1, 2]], [colours[0, 0], colours[:2, 0].mean(0), colours[3, 2]])
+    np.testing.assert_array_equal(part[:, 0], [1, 1, 1, 0, 0])
+
+
+def test_what_was_seen_is_not_filled_and_nothing_far_from_it() -> None:
+    seen = np.zeros((200, 9), bool)
+    seen[:20] = True
+    share = module._share(seen, seen, 0.1)[:, 4, 0]
+    assert not share[: 19 + module.UNSURE_TEXELS].any() and (share[25:55] == 1).all() and not share[62:].any()
+    assert (np.diff(share[:40]) >= 0).all()
+
+
+@pytest.fixture(scope="module")
+def backend() -> CompiledBackend:
+    if native.library() is None:
+        pytest.skip("the compiled kernels were not built")
+    return CompiledBackend(CompiledScene(SAMPLE))
+
+
+@pytest.fixture(scope="module")
+def fill(backend: CompiledBackend, tmp_path_factory: pytest.TempPathFactory) -> GroundFill:
+    """A coarse map of the sample, which comes from the cache the second time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("UNISIM_CACHE", str(tmp_path_factory.mktemp("cache")))
+        patch.setattr(recorded_depth_module, "VIEWS_PER_SENSOR", 5)
+        patch.setattr(module, "TEXEL_M", 0.2)
+        *fractions, first = trace_ground(backend)
+        assert isinstance(first, GroundFill) and all(isinstance(each, float) for each in fractions)
+        assert fractions == sorted(fractions) and fractions[-1] <= 1
+        patch.setattr(CompiledBackend, "bind", None)
+        again = ground_fill(backend)
+        for name in ("colours", "colour_share", "intensity", "intensity_share", "grid_from_world"):
+            np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
+    return first
+
+
+def without_parked_cars(drive: Drive) -> Drive:
+    gone = [uid for uid, actor in drive.actors.items() if actor.label == "Car" and not actor.is_moving]
+    return replace(drive, actors={uid: actor for uid, actor in drive.actors.items() if uid not in gone})
+
+
+def test_images_are_filled_where_no_image_saw_the_ground(backend: CompiledBackend, fill: GroundFill) -> None:
+    drive = without_parked_cars(backend.observed[0].drive)
+    plain, whole = (DriveFrames(Renderer(backend, fill=each), drive) for each in (None, fill))
+    passes = ("rgb", "depth", "instance", "unsupported")
+    before, after = (frames.camera("front_camera", FRAME, passes, 240) for frames in (plain, whole))
+    changed = (before.rgb != after.rgb).any(-1)
+    assert 0.02 < changed.mean() < 0.2
+    assert before.instance is not None and not before.instance[changed].any()
+    for name in ("depth_m", "instance"):
+        np.testing.assert_array_equal(getattr(before, name), getattr(after, name))
+    assert before.unsupported is not None and after.unsupported is not None
+    marked = after.unsupported & ~before.unsupported
+    assert marked.sum() > 0.3 * changed.sum() and not (before.unsupported & ~after.unsupported).any()
+    assert (changed | ~marked).all()
+    # only what was asked for is in the frame, and a part has the bits of the whole
+    alone = whole.camera("front_camera", FRAME, ("rgb",), 240)
+    assert alone.depth_m is None and alone.instance is None
+    part = whole.camera("front_camera", FRAME, passes, 240, Region(20, 60, 200, 120))
+    np.testing.assert_array_equal(part.rgb, after.rgb[60:120, 20:200])
+
+
+def test_recorded_images_stay(backend: CompiledBackend, fill: GroundFill) -> None:
+    drive = backend.observed[0].drive
+    plain, whole = (DriveFrames(Renderer(backend, fill=each), drive) for each in (None, fill))
+    before, after = (frames.camera("front_camera", 4, ("rgb",), 240).rgb for frames in (plain, whole))
+    assert (before != after).any(-1).mean() < 0.01
+
+
+def test_sweeps_are_filled_where_no_sweep_saw_the_ground(backend: CompiledBackend, fill: GroundFill) -> None:
+    drive = without_parked_cars(backend.observed[0].drive)
+    plain, whole = (DriveFrames(Renderer(backend, fill=each), drive) for each in (None, fill))
+    before, after = (frames.lidar("pandar64", FRAME) for frames in (plain, whole))
+    changed = before.intensity != after.intensity
+    assert changed.sum() > 1000 and not before.instance[changed].any()
+    np.testing.assert_array_equal(before.depth_m, after.depth_m)
+    points = after.origins + after.directions * after.depth_m[..., None]
+    expected, share = fill.of_beams(points, changed)
+    sure = share[..., 0] == 1
+    assert sure.sum() > 500
+    np.testing.assert_allclose(after.intensity[sure], expected[sure, 0], atol=1e-6)
