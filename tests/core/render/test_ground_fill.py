@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from drive_frames import DriveFrames
+from rendered_folder import contents
 
 from unisim_blender.core import native
+from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.render import ground_fill as module
 from unisim_blender.core.render import recorded_depth as recorded_depth_module
 from unisim_blender.core.render.ground_fill import GroundFill, filled, ground_fill, trace_ground
@@ -134,3 +138,36 @@ def test_sweeps_are_filled_where_no_sweep_saw_the_ground(backend: CompiledBacken
     sure = share[..., 0] == 1
     assert sure.sum() > 500
     np.testing.assert_allclose(after.intensity[sure], expected[sure, 0], atol=1e-6)
+
+
+def test_sequences_are_filled_as_asked_and_say_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if native.library() is None:
+        pytest.skip("the compiled kernels were not built")
+    monkeypatch.setenv("UNISIM_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(recorded_depth_module, "VIEWS_PER_SENSOR", 3)
+    monkeypatch.setattr(module, "TEXEL_M", 0.4)
+    scenario = tmp_path / "scenario.json"
+    document = {
+        "format": "unisim-scenario", "version": 1, "name": "gone", "log": "street", "scene": str(SAMPLE), "frames": [5],
+        "edits": [{"type": "remove", "actor": f"car-{number:02}"} for number in (6, 7, 11, 12)],
+        "outputs": {"fill": "texture", "formats": ["png"], "passes": ["rgb", "unsupported"]},
+    }  # fmt: skip
+    scenario.write_text(json.dumps(document))
+
+    def files(out: str, *more: str) -> dict[str, bytes]:
+        arguments = ["render", str(scenario), "--out", str(tmp_path / out), "--width", "120", "--jobs", "1", *more]
+        result = CliRunner().invoke(unisim, [*arguments, "--sensors", "front_camera"], catch_exceptions=False)
+        assert result.exit_code == 0, result.output
+        return contents(tmp_path / out)
+
+    stated, asked, plain = files("stated"), files("asked", "--fill", "texture"), files("plain", "--fill", "none")
+    assert stated == asked
+    assert [json.loads(each["manifest.json"])["settings"]["fill"] for each in (asked, plain)] == ["texture", "none"]
+    (image,) = (name for name in plain if name.endswith(".png"))
+    assert asked[image] != plain[image]
+    del document["outputs"]["fill"]  # type: ignore[attr-defined]
+    scenario.write_text(json.dumps(document))
+    assert files("none")[image] == plain[image]
+    for arguments in (["--fill", "learned"], ["--fill", "texture", "--renderer", "surfel"]):
+        refused = CliRunner().invoke(unisim, ["render", str(scenario), "--out", str(tmp_path / "no"), *arguments])
+        assert refused.exit_code != 0 and not (tmp_path / "no").exists()

@@ -709,8 +709,8 @@ class Renderer:
         maps: Maps,
     ) -> tuple[NDArray[np.float32], Maps]:
         """Return the image, and its maps, with the ground filled where nobody saw it, which no recorded ray supports, with contact
-        shadows of actors that were recorded: others' are added later. Pixels show ``points`` (H, W, 3), ``ground`` (H, W) where
-        those are of no actor."""
+        shadows of recorded actors: others' are added later. Pixels show ``points`` (H, W, 3), ``ground`` (H, W) where those
+        are of no actor."""
         up, below = exposure.tracer.upsample, np.flatnonzero(ground)
         ground = ground.copy()
         heights = exposure.tracer.heights(points.reshape(-1, 3)[below])
