@@ -708,7 +708,7 @@ class Renderer:
         ground: BoolArray,
         maps: Maps,
     ) -> tuple[NDArray[np.float32], Maps]:
-        """Return the image, and its maps, with the ground filled where nobody saw it, which no recorded ray supports, with contact
+        """Return the image, and its maps, with the ground filled that nobody saw, which no recorded ray supports, with contact
         shadows of recorded actors: others' are added later. Pixels show ``points`` (H, W, 3), ``ground`` (H, W) where those
         are of no actor."""
         up, below = exposure.tracer.upsample, np.flatnonzero(ground)
