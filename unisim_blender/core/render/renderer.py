@@ -711,18 +711,22 @@ class Renderer:
         """Return the image, and its maps, with the ground filled that nobody saw, which no recorded ray supports, with contact
         shadows of recorded actors: others' are added later. Pixels show ``points`` (H, W, 3), ``ground`` (H, W) where those
         are of no actor."""
-        up, below = exposure.tracer.upsample, np.flatnonzero(ground)
-        ground = ground.copy()
-        heights = exposure.tracer.heights(points.reshape(-1, 3)[below])
-        ground.reshape(-1)[below] = np.abs(heights) < HEIGHT_M
-        colours, share = fill.of_image(points, ground)
+        up, flat = exposure.tracer.upsample, points.reshape(-1, 3)
+        some = np.flatnonzero(ground)
+        some = some[fill.of_image(flat[some], np.ones(len(some), bool))[1][:, 0] > 0]
+        some = some[np.abs(exposure.tracer.heights(flat[some])) < HEIGHT_M]
+        below = np.ones(len(some), bool)
+        colours, share = fill.of_image(flat[some], below)
         recorded = [a for a in exposure.state.actors if not a.inserted and a.visible_to(exposure.camera)]
-        colours = shaded(colours, points, ground, recorded, exposure.time_s)
+        colours = shaded(colours[None], flat[some][None], below[None], recorded, exposure.time_s)[0]
         colours = self._bound.exposed(colours, exposure.camera.sensor_id, exposure.time_s)
-        image = np.where(share > 0, image + share * (colours - image), image)
+        image = image.copy()
+        shown = image.reshape(-1, 3)
+        shown[some] += share * (colours - shown[some])
         if "unsupported" in maps:
-            few = share[up // 2 :: up, up // 2 :: up, 0].reshape(-1)
-            maps = {**maps, "unsupported": maps["unsupported"] | (few > 0.5)}
+            marked = np.zeros(ground.shape, bool)
+            marked.reshape(-1)[some] = share[:, 0] > 0.5
+            maps = {**maps, "unsupported": maps["unsupported"] | marked[up // 2 :: up, up // 2 :: up].reshape(-1)}
         return image, maps
 
     def _shaded(
