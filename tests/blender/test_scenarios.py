@@ -50,7 +50,10 @@ STATED: dict[str, dict[str, Any]] = {
         }
     },
     "light": {"light": {"sun": {"azimuth_deg": -136, "elevation_deg": 54, "strength": 0.7}}},
-    "formats": {"description": "A drive", "outputs": {"passes": ["rgb"], "formats": ["png"], "quality": "fine"}},
+    "formats": {
+        "description": "A drive",
+        "outputs": {"passes": ["rgb"], "formats": ["png"], "quality": "fine", "fill": "texture"},
+    },
 }
 
 
