@@ -104,7 +104,9 @@ def apply_weather(scene: bpy.types.Scene, spec: WeatherSpec | None, clock: Clock
 def apply_light(scene: bpy.types.Scene, spec: LightSpec | None, clock: Clock) -> None:
     """Give a scene the sun that a scenario states, with keys where it changes."""
     scene.unisim_sun.enabled = spec is not None
-    for name in SUN_KEYED if spec is not None else ():
+    if spec is None:
+        return
+    for name in SUN_KEYED:
         value = getattr(spec.sun, name)
         if isinstance(value, tuple):
             frames = clock.frame(np.array([key.time_s for key in value]))
