@@ -16,6 +16,12 @@ DAYLIGHT = (1.04, 1.0, 0.96)
 MAX_STRENGTH = 0.98
 
 
+def direction_to(azimuth: float, elevation: float) -> FloatArray:
+    """Return a unit direction (3,), world frame, by angles in radians."""
+    along = np.cos(elevation)
+    return np.array([along * np.cos(azimuth), along * np.sin(azimuth), np.sin(elevation)])
+
+
 @dataclass(frozen=True)
 class Sun:
     """The sun at one moment. ``azimuth_deg`` is counter-clockwise from the world's x, ``elevation_deg`` above the
@@ -28,9 +34,7 @@ class Sun:
     @property
     def direction(self) -> FloatArray:
         """Unit direction (3,) to the sun, world frame."""
-        azimuth, elevation = np.radians(self.azimuth_deg), np.radians(self.elevation_deg)
-        along = np.cos(elevation)
-        return np.array([along * np.cos(azimuth), along * np.sin(azimuth), np.sin(elevation)])
+        return direction_to(np.radians(self.azimuth_deg), np.radians(self.elevation_deg))
 
     @property
     def casts(self) -> bool:
