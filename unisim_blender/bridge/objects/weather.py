@@ -13,6 +13,7 @@ import numpy as np
 from ...core.scenario.light import LightSpec, SunSpec
 from ...core.scenario.weather import Keyed, ReceiverSpec, ValueKey, WeatherSpec, weather_of
 from ...core.world.light import KEYED as SUN_KEYED
+from ...core.world.light import SunPosition
 from ...core.world.weather import KEYED
 from ...editing.sampled.clock import Clock
 from .animation import curves_of
@@ -113,6 +114,14 @@ def apply_light(scene: bpy.types.Scene, spec: LightSpec | None, clock: Clock) ->
             _animate(scene, SUN, name, frames.tolist(), (key.value for key in value))
         else:
             setattr(scene.unisim_sun, _shown(name), value / _unit(name))
+
+
+def show_recorded_sun(scene: bpy.types.Scene, sun: SunPosition) -> None:
+    """Turn the sun of a scene, which stays on or off, to where it stood in the recording."""
+    scene.unisim_sun.azimuth, scene.unisim_sun.elevation = (
+        math.radians(sun.azimuth_deg),
+        math.radians(sun.elevation_deg),
+    )
 
 
 def _animate(
