@@ -14,7 +14,7 @@ from helpers import SAMPLE, assert_alike, drive_of, there_and_back
 
 from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.objects.settings import rendered_keys
-from unisim_blender.bridge.objects.weather import weather_and_sun
+from unisim_blender.bridge.objects.weather import show_recorded_sun, weather_and_sun
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.scenario import (
     load_scenario,
@@ -26,6 +26,7 @@ from unisim_blender.core.scenario.light import sun_of
 from unisim_blender.core.scenario.types import FrameRange
 from unisim_blender.core.scenario.weather import weather_of
 from unisim_blender.core.world.encoding import decode_state
+from unisim_blender.core.world.light import SunPosition, direction_to
 from unisim_blender.editing.reading.requests import camera_request
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.features.drive.export_operators import scenario_of
@@ -127,6 +128,9 @@ def test_a_sun_is_turned_by_its_ball_animated_and_reaches_what_is_rendered(scene
     there_and_back(stating({}, tmp_path), tmp_path)
     assert scenario_of(scene, tmp_path / "off.json").light is None
     sun, drive = scene.unisim_sun, source_of(scene).drive
+    show_recorded_sun(scene, SunPosition(30.0, 20.0, 0.3))
+    assert not sun.enabled
+    np.testing.assert_allclose(sun.direction, direction_to(np.radians(30), np.radians(20)), atol=1e-6)
     sun.enabled, sun.direction = True, (0.0, -0.6, 0.8)
     np.testing.assert_allclose((sun.azimuth, sun.elevation), (-np.pi / 2, np.arcsin(0.8)), atol=1e-6)
     sun.direction = (1.0, 0.0, -0.2)  # the ball turns below the horizon, the sun does not

@@ -62,7 +62,7 @@ def recorded_sun(degrees: FloatArray, positions: FloatArray, utc_s: float) -> Su
     east = east * np.cos(np.radians(degrees[:, 0].mean()))
     there = (east - east.mean()) + 1j * (north - north.mean())
     here = (positions[:, 0] - positions[:, 0].mean()) + 1j * (positions[:, 1] - positions[:, 1].mean())
-    azimuth, elevation = sun_over(*degrees.mean(0).tolist(), utc_s)
+    azimuth, elevation = sun_over(float(degrees[:, 0].mean()), float(degrees[:, 1].mean()), utc_s)
     if min(np.ptp(np.abs(x - x[0])) for x in (there, here)) < LEAST_TRAVEL_M or elevation <= 0:
         return None
     turn = np.vdot(there, here)
