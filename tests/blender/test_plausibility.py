@@ -62,6 +62,8 @@ def test_what_becomes_of_recorded_shadows_is_told(street: Any) -> None:
     drive = source_of(street).drive
     untrained = shadow_note(sample_all(street, Clock.of(drive)), drive, False)
     assert untrained == f"Recorded shadows stay where they were: {one.name}"
+    street.unisim_sun.enabled = True
+    assert shadow_note(sample_all(street, Clock.of(drive)), drive, True) == ""
 
 
 def test_a_flying_car(street: Any) -> None:

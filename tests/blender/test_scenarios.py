@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
 import pytest
 from helpers import SAMPLE, assert_alike, drive_of, there_and_back
 
 from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.objects.settings import rendered_keys
+from unisim_blender.bridge.objects.weather import show_recorded_sun, weather_and_sun
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.scenario import (
     load_scenario,
@@ -20,9 +22,11 @@ from unisim_blender.core.scenario import (
     scenario_from_json,
     scenario_to_json,
 )
+from unisim_blender.core.scenario.light import sun_of
 from unisim_blender.core.scenario.types import FrameRange
 from unisim_blender.core.scenario.weather import weather_of
 from unisim_blender.core.world.encoding import decode_state
+from unisim_blender.core.world.light import SunPosition, direction_to
 from unisim_blender.editing.reading.requests import camera_request
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.features.drive.export_operators import scenario_of
@@ -50,6 +54,15 @@ STATED: dict[str, dict[str, Any]] = {
         }
     },
     "light": {"light": {"sun": {"azimuth_deg": -136, "elevation_deg": 54, "strength": 0.7}}},
+    "a moving sun": {
+        "light": {
+            "sun": {
+                "azimuth_deg": [{"time_s": 0.1, "value": -200}, {"time_s": 0.7, "value": 130}],
+                "elevation_deg": 30,
+                "strength": [{"time_s": 0.0, "value": 0.0}, {"time_s": 1.0, "value": 0.9}],
+            }
+        }
+    },
     "formats": {
         "description": "A drive",
         "outputs": {"passes": ["rgb"], "formats": ["png"], "quality": "fine", "fill": "texture"},
@@ -76,6 +89,11 @@ def test_what_no_object_stands_for_comes_back(scene: Any, tmp_path: Path, name: 
     assert (after.sensors, after.edits, after.description) == (before.sensors, before.edits, before.description)
     if before.outputs is not None:
         assert after.outputs == before.outputs
+    suns = [None if x.light is None else sun_of(x.light).at(0.43) for x in (before, after)]
+    assert (suns[0] is None) == (suns[1] is None)
+    if suns[0] is not None and suns[1] is not None:
+        np.testing.assert_allclose(suns[1].direction, suns[0].direction, atol=1e-6)
+        np.testing.assert_allclose(suns[1].strength, suns[0].strength, atol=1e-6)
     weathers = [None if x.weather is None else weather_of(x.weather) for x in (before, after)]
     for time_s in (-1.0, 0.0, 0.13, 0.4, 0.77, 3.0):
         was, now = (None if x is None else x.at(time_s) for x in weathers)
@@ -107,6 +125,33 @@ def test_weather_is_animated_as_anything_and_reaches_what_is_rendered(scene: Any
     scene.animation_data_clear()
     about.visibility_m = 1e5
     assert scenario_of(scene, tmp_path / "clear.json").weather is None
+
+
+def test_a_sun_is_turned_by_its_ball_animated_and_reaches_what_is_rendered(scene: Any, tmp_path: Path) -> None:
+    there_and_back(stating({}, tmp_path), tmp_path)
+    assert scenario_of(scene, tmp_path / "off.json").light is None
+    sun, drive = scene.unisim_sun, source_of(scene).drive
+    show_recorded_sun(scene, SunPosition(30.0, 20.0, 0.3))
+    assert not sun.enabled
+    np.testing.assert_allclose(sun.direction, direction_to(np.radians(30), np.radians(20)), atol=1e-6)
+    sun.enabled, sun.direction = True, (0.0, -0.6, 0.8)
+    np.testing.assert_allclose((sun.azimuth, sun.elevation), (-np.pi / 2, np.arcsin(0.8)), atol=1e-6)
+    sun.direction = (1.0, 0.0, -0.2)  # the ball turns below the horizon, the sun does not
+    assert sun.azimuth == 0 and sun.elevation == pytest.approx(np.radians(2))
+    before = weather_and_sun(scene)
+    for frame, azimuth in ((2, 0.0), (6, np.pi / 2)):
+        sun.azimuth = azimuth
+        scene.keyframe_insert("unisim_sun.azimuth", frame=frame)
+    assert weather_and_sun(scene) != before
+    spec = scenario_of(scene, tmp_path / "sun.json").light
+    assert spec is not None and spec.sun.strength == pytest.approx(0.7)
+    degrees = [sun_of(spec).at(drive.time_s[frame]).azimuth_deg for frame in (0, 4, 9)]
+    assert degrees == pytest.approx([0, 45, 90], abs=0.01)
+    sampled = sample_all(scene, Clock.of(drive))
+    view = next(obj for obj in sampled.objects if obj.kind == "CAMERA")
+    asked = camera_request(sampled, view, source_of(scene), 8.0, (64, 36))
+    state = decode_state(asked.values["state"])
+    assert state.light is not None and state.light.sun.azimuth_deg == pytest.approx(90)
 
 
 def test_another_frame_range_takes_the_place_of_times(scene: Any, tmp_path: Path) -> None:

@@ -1,11 +1,15 @@
-"""Weather of a drive: its properties, and the panel Weather, a part of the panel
+"""Weather and sun of a drive: their properties, and the panels Weather and Sun, parts of the panel
 Sensors. Reading and writing them: `bridge.objects.weather`."""
 
+import math
+
 import bpy
-from bpy.props import FloatProperty, IntProperty, PointerProperty, StringProperty
+from bpy.props import BoolProperty, FloatProperty, FloatVectorProperty, IntProperty, PointerProperty, StringProperty
 
 from ..bridge.objects.weather import CLEAR_M
+from ..core.scenario.light import MIN_ELEVATION_DEG
 from ..core.scenario.weather import MIN_VISIBILITY_M
+from ..core.world.light import MAX_STRENGTH, direction_to
 from .sidebar import DrivePanel, settings_column
 
 
@@ -48,4 +52,71 @@ class UNISIM_PT_weather(DrivePanel, bpy.types.Panel):
             column.prop(context.scene.unisim_weather, name)
 
 
-PROPERTIES = ((bpy.types.Scene, "unisim_weather", PointerProperty(type=UniSimWeather)),)
+def _turn(self: "UniSimSun", direction: tuple[float, float, float]) -> None:
+    self.azimuth = math.atan2(direction[1], direction[0])
+    self.elevation = math.asin(min(max(direction[2], -1.0), 1.0))
+
+
+class UniSimSun(bpy.types.PropertyGroup):
+    """Sun by which edited actors cast shadows in images"""
+
+    enabled: BoolProperty(
+        name="Sun", description="Edited actors cast shadows, those of removed parked ones go", options=set()
+    )
+    azimuth: FloatProperty(
+        name="Azimuth",
+        description="Direction to the sun, counter-clockwise from the world's x",
+        subtype="ANGLE",
+        min=-2 * math.pi,
+        max=2 * math.pi,
+    )
+    elevation: FloatProperty(
+        name="Elevation",
+        description="Height of the sun above the horizon",
+        subtype="ANGLE",
+        default=math.pi / 4,
+        min=math.radians(MIN_ELEVATION_DEG),
+        max=math.pi / 2,
+    )
+    strength: FloatProperty(
+        name="Strength",
+        description="The sun's part of the light on sunlit level ground: how dark shadows are",
+        default=0.7,
+        min=0.0,
+        max=MAX_STRENGTH,
+        subtype="FACTOR",
+    )
+    direction: FloatVectorProperty(
+        name="Direction",
+        description="Direction to the sun: drag the ball",
+        subtype="DIRECTION",
+        get=lambda self: direction_to(self.azimuth, self.elevation).tolist(),
+        set=_turn,
+        options=set(),
+    )
+
+
+class UNISIM_PT_sun(DrivePanel, bpy.types.Panel):
+    """Where the sun stands by which edited actors cast shadows in images; keys animate it. The view draws the direction"""
+
+    bl_label = "Sun"
+    bl_parent_id = "UNISIM_PT_sensors"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        self.layout.prop(context.scene.unisim_sun, "enabled", text="")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        sun, split = context.scene.unisim_sun, self.layout.split(factor=0.3)
+        split.active = sun.enabled
+        split.prop(sun, "direction", text="")
+        column = settings_column(split)
+        column.use_property_decorate = True
+        for name in ("azimuth", "elevation", "strength"):
+            column.prop(sun, name)
+
+
+PROPERTIES = (
+    (bpy.types.Scene, "unisim_weather", PointerProperty(type=UniSimWeather)),
+    (bpy.types.Scene, "unisim_sun", PointerProperty(type=UniSimSun)),
+)

@@ -1,4 +1,5 @@
-"""Lines drawn into the 3D view: trajectories of the selected actors, where moved sensors were recorded, and outlines of
+"""Lines drawn into the 3D view: trajectories of the selected actors, where moved sensors were recorded, the direction of the
+sun, and outlines of
 boxes through a lens that bends lines. Blender itself draws boxes through a pinhole, which is not where the recorded and
 the rendered image show things."""
 
@@ -8,13 +9,14 @@ import bpy
 import numpy as np
 
 from ..bridge.objects.imported import drive_of, imported_objects
+from ..bridge.objects.meshes import size_of
 from ..bridge.objects.sensors import camera_model_of
 from ..bridge.sampling.stepping import frame_of
 from ..bridge.views.trails import outline, trail
 from ..bridge.window import chosen
 from ..core.geometry import FloatArray, invert_pose
 from ..core.sensors.silhouettes import bent_edges
-from ..editing.layout.trails import joined
+from ..editing.layout.trails import joined, sun_lines
 from ..editing.sampled.clock import Clock
 from ..editing.sampled.scene import optical, rigid
 from ..editing.sensors.lenses import corners
@@ -45,6 +47,20 @@ def draw_trails() -> None:
     trails = [trail(obj, drive, clock, frame) for obj in selected]
     lines = joined([*trails, *(outline(scene, obj, drive, frame) for obj in sensors)])
     if len(lines.points):
+        draw_batch("LINES", lines.points, lines.colours, 2.0)
+
+
+def draw_sun() -> None:
+    """Called by Blender whenever a 3D view is drawn: where the sun stands, from the active actor or the vehicle."""
+    context = bpy.context
+    scene, sun = context.scene, context.scene.unisim_sun
+    if not scene.unisim.log or not context.space_data.overlay.show_overlays or not sun.enabled:
+        return
+    active = context.view_layer.objects.active
+    obj = active if active is not None and active.unisim.kind == "ACTOR" else next(imported_objects(scene, "EGO"), None)
+    if obj is not None:
+        pose = rigid(np.array(obj.matrix_world, float))
+        lines = sun_lines(pose, size_of(obj), np.array(sun.direction))
         draw_batch("LINES", lines.points, lines.colours, 2.0)
 
 
@@ -89,4 +105,4 @@ def outlines(
     return boxes
 
 
-DRAWINGS = (Drawing(draw_boxes, "POST_PIXEL"), Drawing(draw_trails))
+DRAWINGS = (Drawing(draw_boxes, "POST_PIXEL"), Drawing(draw_trails), Drawing(draw_sun))

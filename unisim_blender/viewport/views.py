@@ -17,7 +17,7 @@ from mathutils import Matrix
 from numpy.typing import NDArray
 
 from ..bridge.objects.imported import source_of
-from ..bridge.objects.weather import weather_values
+from ..bridge.objects.weather import weather_and_sun
 from ..bridge.sampling.adjacent_frames import lacking, sample_now, step_soon, with_lengths
 from ..bridge.sampling.stepping import frame_of
 from ..core.errors import UnisimError
@@ -165,7 +165,7 @@ class ViewportImage:
             scene.unisim.quality,
             scene.unisim.contact_shadows,
             scene.unisim.fill_ground,
-            weather_values(scene),
+            weather_and_sun(scene),
             options.mode,
             options.unsupported,
             options.confidence,

@@ -13,11 +13,12 @@ from random_scene import CONFIGS, MOVING, TINY, saved
 from tiny_drive import TinyLog
 
 from unisim_blender.core.errors import SceneError
-from unisim_blender.core.model.actors import actor_field
+from unisim_blender.core.model.actors import GridActors, actor_field
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.config import ModelConfig
 from unisim_blender.core.model.shapes import GAIT_BINS, gait_rows
 from unisim_blender.core.model.tracklets import Tracklets
+from unisim_blender.core.ops.encode import GradientSink
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.torch.actor_tensors import ActorSetTensors
 from unisim_blender.core.training.gaits import _fitted, gaits_of
@@ -46,6 +47,46 @@ def test_tables_of_poses_are_sums_and_so_are_their_gradients() -> None:
     assert field.gaits.tables.grad is not None
     np.testing.assert_allclose(field.gaits.tables.grad.numpy(), np.einsum("qk,gqrf->gkrf", waves, of_poses), atol=1e-5)
     assert {id(p) for p in field.own()} >= {id(field.gaits.tables)}
+
+
+@pytest.mark.parametrize("sums", ["autograd", "sinks"])
+def test_fields_of_poses_without_their_tables_have_the_same_values_and_gradients(sums: str) -> None:
+    torch.manual_seed(1)
+    field = actor_field(dataclasses.replace(TINY, gaits=(("b", 1.2), ("c", 1.5))), ("a", "b", "c"))
+    assert isinstance(field, GridActors) and field.gaits is not None
+    for parameter in field.parameters():
+        torch.nn.init.normal_(parameter, 0, 0.3)
+    row = torch.cat([torch.randint(3, 3 + 2 * GAIT_BINS, (300,)), torch.randint(0, 3, (200,))])[torch.randperm(500)]
+    x, weight = torch.rand(500, 3, requires_grad=True), torch.randn(500, 1 + TINY.features)
+    for rows in (row, torch.zeros_like(row)):  # the second has rigid actors alone
+        field.zero_grad()
+        x.grad = None
+        values, features = field(field.tables(), x, rows)
+        (torch.cat([values.outward()[:, None], features], 1) * weight).sum().backward()
+        expected = [
+            values.outward(),
+            features,
+            *(p.grad.clone() for p in (x, *field.parameters()) if p.grad is not None),
+        ]
+        field.zero_grad()
+        x.grad = None
+        tables = field.own_rows().detach().requires_grad_()
+        if sums == "sinks":
+            field.sink, field.gaits.sink = GradientSink(), GradientSink()
+        values, features = field(tables, x, rows)
+        (torch.cat([values.outward()[:, None], features], 1) * weight).sum().backward()
+        further = field.gaits.tables
+        for sink, table in ((field.sink, tables), (field.gaits.sink, further)):
+            if sink is not None:
+                table.grad = torch.zeros_like(table)
+                sink.pour(table.grad)
+        further.grad = torch.zeros_like(further) if further.grad is None else further.grad
+        field.own_rows().backward(tables.grad)
+        got = [values.outward(), features, *(p.grad for p in (x, *field.parameters()) if p.grad is not None)]
+        for one, other in zip(got, expected, strict=True):
+            torch.testing.assert_close(one, other, atol=3e-5, rtol=1e-4)
+        field.sink = field.gaits.sink = None
+        torch.testing.assert_close(field.values(tables, x, rows).outward(), values.outward(), atol=1e-5, rtol=1e-5)
 
 
 def test_files_hold_the_tables_once_and_both_readers_make_the_same(tmp_path: Path) -> None:

@@ -73,21 +73,26 @@ def ranges(origins: FloatArray, directions: FloatArray, solid: FloatArray) -> Fl
 class DrivenLog:
     """A log without boxes: a car drives ahead, one is parked, a person crosses, between two walls."""
 
-    def __init__(self, path: Path, frames: int = FRAMES) -> None:
+    def __init__(self, path: Path, frames: int = FRAMES, lidars: int = 1) -> None:
         self.path, self.missing, self.reads = path, (), 0
         path.touch()
         times = {frame: frame * STEP_S for frame in range(frames)}
         keys = np.array([-1.0, 10.0])
         ego = Trajectory(keys, np.stack([SPEED * keys, 0 * keys, 0 * keys], 1), quaternion_from_yaw(0.0 * keys))
-        lidar = Lidar("top", MODEL, ego.transformed(right=MOUNT), times)
-        self.drive = Drive("street", tuple(times), times, ego, {}, {"top": lidar} if frames else {}, {})
+        sensors = {}
+        for number in range(lidars if frames else 0):
+            beams = {name: getattr(MODEL, name)[number::lidars] for name in ("elevation_rad", "azimuth_offset_rad")}
+            later = {frame: time_s + 0.005 * number for frame, time_s in times.items()}
+            name = ["top", "low"][number]
+            sensors[name] = Lidar(name, replace(MODEL, **beams), ego.transformed(right=MOUNT), later)
+        self.drive = Drive("street", tuple(times), times, ego, {}, sensors, {})
 
     def sweep_frames(self, lidar: str) -> tuple[int, ...]:
         return self.drive.frames
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
         self.reads += 1
-        sensor = self.drive.lidars["top"]
+        sensor = self.drive.lidars[lidar]
         time_s = sensor.time_s[frame] - MODEL.sweep_s / 2
         rays = lidar_rays(sensor, sensor.time_s[frame]).flat()
         person = np.array([*person_at(time_s), 0.9])
@@ -134,6 +139,17 @@ def test_what_drives_and_what_is_parked_is_found(searched: tuple[Log, tuple[Trac
     pose = parked.world_from_actor.at(1.0)
     assert parked.label == "Car" and np.abs(pose[:2, 3] - PARKED).max() < 0.3 and abs(pose[1, 0]) < 0.05
     assert len(parked.world_from_actor.times_s) == 1
+
+
+def test_what_two_lidars_see_at_once_is_registered_together(tmp_path: Path) -> None:
+    log = driven(tmp_path, lidars=2)
+    (car,) = (
+        track.actor for track in find_tracks(log)
+        if track.certainty > 0.3 and track.actor.is_moving and track.actor.label == "Car"
+    )  # fmt: skip
+    times = np.linspace(car.start_s, car.end_s, 7)
+    assert np.diff(car.world_from_actor.times_s).min() > 0.1
+    assert np.abs(car.world_from_actor.at(times)[:, :2, 3] - [car_at(time) for time in times]).max() < 0.35
 
 
 def test_who_walks_is_a_person(searched: tuple[Log, tuple[Track, ...]]) -> None:

@@ -17,6 +17,7 @@ from unisim_blender.editing.layout.shapes import (
     disc,
 )
 from unisim_blender.editing.layout.speed_graph import BOTTOM, LEFT, RIGHT, WIDTH, GraphAxes
+from unisim_blender.editing.layout.trails import sun_lines
 
 
 def test_a_box_is_closed_and_its_faces_look_outward() -> None:
@@ -59,3 +60,14 @@ def test_classes_have_colours() -> None:
 def test_axes_hold_times_and_speeds() -> None:
     axes = GraphAxes(1.0, 5.0, 20.0)
     assert axes.x(np.array([1.0, 5.0])) == pytest.approx([LEFT, WIDTH - RIGHT]) and axes.y(np.array(0.0)) == BOTTOM
+
+
+def test_lines_to_the_sun_end_where_it_stands_and_where_the_shadow_of_the_box_does() -> None:
+    pose, toward = np.eye(4), np.array([0.6, 0.0, 0.8])
+    pose[:3, 3] = [10.0, 5.0, 1.0]
+    points = sun_lines(pose, np.array([4.0, 2.0, 2.0]), toward).points.reshape(-1, 2, 3)
+    np.testing.assert_allclose(points[0], np.array([[10, 5, 1], [14.8, 5, 7.4]]))
+    np.testing.assert_allclose(points[-1], np.array([[10, 5, 0], [8.5, 5, 0]]))
+    disc = points[1:-1].reshape(-1, 3) - points[0, 1]
+    np.testing.assert_allclose(disc @ toward, 0, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(disc, axis=1), 0.5)

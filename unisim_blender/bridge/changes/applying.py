@@ -31,7 +31,7 @@ from ..objects.meshes import object_of
 from ..objects.sensors import set_model
 from ..objects.settings import apply_simulation
 from ..objects.trajectories import remove
-from ..objects.weather import apply_weather
+from ..objects.weather import apply_light, apply_weather
 from . import carriers  # noqa: F401 so that all are registered
 from .carriers.carrier import CARRIERS, Edited
 from .carriers.scale import note_scale
@@ -79,6 +79,7 @@ def _apply_settings(target: Target) -> None:
     scene.unisim.stated = stated_text(target.scenario)
     apply_simulation(scene, target.scenario.simulation)
     apply_weather(scene, target.scenario.weather, target.clock)
+    apply_light(scene, target.scenario.light, target.clock)
     if names_captures(scene.unisim.stated):
         scene.unisim.stated_range = (scene.frame_start, scene.frame_end, scene.frame_step)
     if outputs is not None:

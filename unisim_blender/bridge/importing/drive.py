@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import bpy
 
+from ...core.data.log import extras_of
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray, Trajectory, invert_pose
 from ...core.world.drive import Actor, Camera, Drive, Lidar
@@ -32,6 +33,7 @@ from ..objects.imported import (
 )
 from ..objects.sensors import camera_model_of, set_model
 from ..objects.trajectories import free, local_poses, remove, ride, set_on_trajectory, settle_on
+from ..objects.weather import show_recorded_sun
 from ..sampling.from_keys import sample_steps
 from .backgrounds import set_background
 
@@ -103,6 +105,9 @@ def import_source(
         yield ImportStep(done := done + 1, total, actor.label)
     yield ImportStep(total, total, "actors", draw=True)
     if first:
+        sun = None if source.log is None else extras_of(source.log).sun
+        if sun is not None:
+            show_recorded_sun(scene, sun)
         set_aside(scene)
         scene.render.engine = "UNISIM"
     if scene.camera is None or first:

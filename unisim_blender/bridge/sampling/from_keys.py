@@ -21,7 +21,7 @@ from ...editing.sampled.scene import Sampled, SampledObject, Scaling, rigid, sca
 from ..objects.animation import curves_of, keyed_values
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects, skipped_sensors, title_of, with_parents
 from ..objects.trajectories import local_poses, trajectory_of
-from ..objects.weather import scene_weather
+from ..objects.weather import scene_light, scene_weather
 from .adjacent_frames import evaluate_beside, moved_by_keys
 from .stepping import completed, depsgraph_of, described, image_size, refuse_stretching, shown_names, static_items
 
@@ -205,7 +205,8 @@ def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[StepsDone, N
     for obj in objects:
         sampled.append(completed(sampler.sample(obj, *beside.get(obj.name, ())), obj, lambda: depsgraph_of(scene)))
         yield (done := done + 1), total
-    return Sampled(scene.name, clock, tuple(sampled), static_items(scene), skipped_sensors(scene), scene_weather(scene))
+    items, weather, light = static_items(scene), scene_weather(scene), scene_light(scene)
+    return Sampled(scene.name, clock, tuple(sampled), items, skipped_sensors(scene), weather, light)
 
 
 def by_keys_alone(obj: bpy.types.Object) -> bool:

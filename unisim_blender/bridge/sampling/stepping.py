@@ -31,7 +31,7 @@ from ..objects.imported import (
 from ..objects.meshes import extent_of, mesh_model_of, size_of
 from ..objects.sensors import camera_model_of
 from ..objects.trajectories import span_of
-from ..objects.weather import scene_weather
+from ..objects.weather import scene_light, scene_weather
 
 SetFrame = Callable[[int], object]
 
@@ -79,7 +79,8 @@ def sample(
     for i, obj in enumerate(objects):
         scaling = Scaling() if obj.unisim.mesh else scaling_of(matrices[i], poses[i], there[i])
         sampled.append(completed(described(obj, poses[i], there[i], scaling, size), obj, lambda: depsgraph))
-    return Sampled(scene.name, clock, tuple(sampled), static_items(scene), skipped_sensors(scene), scene_weather(scene))
+    items, weather, light = static_items(scene), scene_weather(scene), scene_light(scene)
+    return Sampled(scene.name, clock, tuple(sampled), items, skipped_sensors(scene), weather, light)
 
 
 def static_items(scene: bpy.types.Scene) -> dict[str, str]:

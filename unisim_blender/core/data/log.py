@@ -19,6 +19,7 @@ from ..world.box_tracks import TrackedBoxes
 from ..world.classes import Motion
 from ..world.drive import Drive, LidarModel
 from ..world.drive_json import drive_to_json
+from ..world.light import SunPosition
 
 
 @dataclass(frozen=True)
@@ -179,6 +180,8 @@ class LogExtras:
     vehicles', do not tell what is below them. Empty where sweeps have no classes."""
     recorded: Path | None = None
     """The log that a file of boxes, ``path``, gives actors to; None where ``path`` is the log itself."""
+    sun: SunPosition | None = None
+    """Where the sun stood; None where the log does not tell place and time."""
     boxes_of: Callable[[Path], TrackedBoxes] | None = None
     """Function from a file of boxes in its dataset's own format, as of results, to these; raises `LogError`."""
     boxes_at: Callable[[Path], str] | None = None

@@ -8,17 +8,17 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import torch
 from torch import Tensor, nn
 
-from ..ops.encode import GradientSink
+from ..ops.encode import GradientSink, encode
 from ..ops.field_values import FieldValues, log_densities, signed_distances
 from ..ops.grid_shape import GridArrays
+from ..ops.mlp import two_layers
 from .config import ModelConfig
 from .fields import Density, parts, query, start_at, values_of
-from .networks import mlp, run_mlp
+from .networks import mlp, run_mlp, two_layers_of
 from .shapes import (
     GAIT_BINS,
     GAIT_HARMONICS,
@@ -52,7 +52,7 @@ class ActorField(nn.Module, ABC):
 
     @abstractmethod
     def own_rows(self) -> Tensor:
-        """Return the rows (actors, *row) of all actors, without those of poses."""
+        """Return the rows (actors, *row) of all actors, without those of poses; grids are queried by these, too."""
 
     def tables(self) -> Tensor:
         """Return the rows of all actors, and behind them those of poses (`GaitRows`): (rows, *row)."""
@@ -113,44 +113,32 @@ class Gaits(nn.Module):
         self.register_buffer("basis", torch.as_tensor(gait_basis()).float(), persistent=False)
         self.register_buffer("first", torch.as_tensor(rows.first).long(), persistent=False)
         self.register_buffer("cycles_m", torch.as_tensor(rows.cycles_m), persistent=False)
-        walkers = torch.as_tensor(rows.owner[len(rows.first) :: GAIT_BINS])
-        self.register_buffer("walkers", walkers, persistent=False)
+        self.register_buffer("owner", torch.as_tensor(rows.owner), persistent=False)
+        self.sink: GradientSink | None = None
+        """Where training set it, encodings by ``tables`` leave their gradients here."""
 
     basis: Tensor
     first: Tensor
     cycles_m: Tensor
-    walkers: Tensor
+    owner: Tensor
 
     def forward(self, rows: Tensor) -> Tensor:
         """Return the actors' own rows (actors, *row), and behind them the tables of poses (G * GAIT_BINS, *row)."""
-        posed: Tensor = _Posed.apply(rows, self.tables, self.basis, self.walkers)  # type: ignore[no-untyped-call]
-        return posed
+        walkers = self.owner[len(rows) :: GAIT_BINS]
+        changes = (self.basis.to(rows) @ self.tables.flatten(2)).view(len(walkers), GAIT_BINS, *rows.shape[1:])
+        return torch.cat([rows, (rows[walkers, None] + changes).flatten(0, 1)])
 
-
-class _Posed(torch.autograd.Function):
-    """`Gaits`, which writes and reads its many tables once."""
-
-    @staticmethod
-    def forward(ctx: Any, rows: Tensor, tables: Tensor, basis: Tensor, walkers: Tensor) -> Tensor:
-        ctx.save_for_backward(basis, walkers)
-        parts = torch.cat([rows[walkers, None], tables], 1).flatten(2)
-        out = rows.new_empty(len(rows) + len(walkers) * len(basis), *rows.shape[1:])
-        out[: len(rows)] = rows
-        factors = torch.cat([torch.ones_like(basis[:, :1]), basis], 1).to(rows)
-        for part, into in zip(parts, out[len(rows) :].view(len(walkers), len(basis), -1), strict=True):
-            torch.mm(factors, part, out=into)
-        return out
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
-        basis, walkers = ctx.saved_tensors
-        (gradient,) = gradients
-        count = len(gradient) - len(walkers) * len(basis)
-        factors = torch.cat([torch.ones_like(basis[:, :1]), basis], 1).to(gradient)
-        of_poses = gradient[count:].reshape(len(walkers), len(basis), -1)
-        parts = torch.stack([factors.T @ part for part in of_poses]) if len(walkers) else of_poses.new_zeros(0, 1, 0)
-        of_rows = gradient[:count].index_add(0, walkers, parts[:, 0].view(-1, *gradient.shape[1:]))
-        return of_rows, parts[:, 1:].reshape(len(walkers), -1, *gradient.shape[1:]), None, None
+    def changes(self, grid: GridArrays, x: Tensor, row: Tensor) -> Tensor:
+        """Return what poses add to the encodings (N, width) by actors' own tables: of points x (N, 3) in the rows (N,) of
+        poses. An encoding is linear in its table, so the tables of poses need not be made."""
+        walker, phase = (
+            (row - len(self.first)).div(GAIT_BINS, rounding_mode="floor"),
+            (row - len(self.first)) % GAIT_BINS,
+        )
+        count = 2 * GAIT_HARMONICS
+        index = walker[:, None] * count + torch.arange(count, device=row.device)
+        parts = encode(grid, self.tables.flatten(0, 1), x.repeat_interleave(count, 0), index.flatten(), self.sink)
+        return (self.basis[phase, :, None].to(parts) * parts.view(len(row), count, -1)).sum(1)
 
 
 class GridActors(ActorField):
@@ -174,7 +162,16 @@ class GridActors(ActorField):
         return self.own_tables
 
     def _query(self, tables: Tensor, x: Tensor, actor: Tensor, outputs: int | None) -> Tensor:
-        return query(self.grid, tables, self.network, x, actor, outputs, self.sink)
+        gaits = self.gaits
+        if gaits is None or len(tables) > len(gaits.first):
+            return query(self.grid, tables, self.network, x, actor, outputs, self.sink)
+        # the tables of poses were not made
+        own, posed = gaits.owner[actor], torch.nonzero(actor >= len(tables))[:, 0]
+        if len(posed) == 0:
+            return query(self.grid, tables, self.network, x, own, outputs, self.sink)
+        code = encode(self.grid, tables, x, own, self.sink)
+        code = code.index_add(0, posed, gaits.changes(self.grid, x[posed], actor[posed]))
+        return two_layers(code, *two_layers_of(self.network, outputs))
 
 
 class HypernetworkActors(GridActors):

@@ -6,6 +6,7 @@ them.
 
 from __future__ import annotations
 
+import ctypes
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
@@ -17,7 +18,8 @@ from numpy.typing import NDArray
 
 from ..errors import SceneError, short
 from ..geometry import FloatArray
-from ..ops.constants import GROUND_CELL_M
+from ..native import SceneStruct
+from ..ops.constants import DECAY_PER_M, GROUND_CELL_M, GROUND_CLEARANCE_M
 from ..ops.grid_shape import GridShape
 from .config import ModelConfig
 from .volume import Volume
@@ -214,6 +216,19 @@ def stored_voxels(config: ModelConfig, size_m: FloatArray) -> dict[str, TensorSh
     """Return the shapes of the voxel grids of a trained scene's weights by name: the file has their entries that are
     not 0."""
     return dict.fromkeys(("occupancy.values", "observed"), cells_of(size_m, config.voxel_m))
+
+
+def scene_struct(config: ModelConfig, size_m: FloatArray, **members: Any) -> SceneStruct:
+    """Return the structure that the kernels read of a scene in a volume of edges ``size_m`` (3,): what follows from these,
+    and other ``members``, the addresses of arrays among them."""
+    cells, ground = cells_of(size_m, config.voxel_m), cells_of(size_m[:2], GROUND_CELL_M)
+    return SceneStruct(
+        size=(ctypes.c_float * 3)(*map(float, size_m)), background_radius_m=float(min(size_m[:2]) / 2),
+        background_far_m=config.far_m, unisim_density=int(config.density == "unisim"),
+        density_step_m=config.unisim_step_m, voxel_shape=(ctypes.c_int32 * 3)(*cells), voxel_m=config.voxel_m,
+        decay_per_m=DECAY_PER_M, ground_shape=(ctypes.c_int32 * 2)(*ground), ground_m=GROUND_CELL_M,
+        ground_clearance_m=GROUND_CLEARANCE_M, **members,
+    )  # fmt: skip
 
 
 MAX_NUMBER = 1 << 24

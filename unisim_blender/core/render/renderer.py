@@ -46,7 +46,7 @@ from .contact_shadow import SHADOW_CUTOFF_M, dimmed, displaced, faded, shaded
 from .ground_fill import HEIGHT_M, GroundFill
 from .lattice import NEAR_BOXES, Region, SparseImage, Tile, aligned, fill_passes, progressive_strides
 from .quality import QUALITIES, Quality
-from .sun_shadow import GroundBeside, SunShadows, sun_shadows
+from .sun_shadow import FULL_SUN, GroundBeside, SunShadows, around, sun_shadows
 from .tracer import NEAR_M, Array, Backend, Maps, Tracer
 from .visibility import Reach
 
@@ -84,7 +84,7 @@ class _Exposure:
     shadows: SunShadows | None = None
     """Shadows that edits have moved, where the sun is known."""
     beside: GroundBeside | None = None
-    """The ground beside what is gone, once it is needed."""
+    """The ground beside what has changed, once it is needed."""
     begun: float = field(default_factory=time.perf_counter)
     stats: RenderStats = field(default_factory=RenderStats)
     launched: Callable[[RenderStats], Maps | None] | None = None
@@ -770,27 +770,34 @@ class Renderer:
         points = rays.origins + rays.directions * depth[solid, None]
         tracers = {name: self._blockers[name].tracer(state, self.quality) for name, state in states.items()}
         uids = exposure.tracer.active.uids
-        factors = shadows.factors(points, rays.time_s, uids, instance[solid], facing, tracers)
+
+        def beside() -> GroundBeside:
+            if exposure.beside is None:
+                exposure.beside = self._ground_beside(exposure, shadows, tracers["recorded"])
+            return exposure.beside
+
+        factors = shadows.factors(points, rays.time_s, uids, instance[solid], facing, tracers, beside)
         lighter = np.flatnonzero(factors.max(1) > 1)
         if len(lighter):
-            if exposure.beside is None:
-                exposure.beside = self._ground_beside(exposure, shadows)
             brightness = linear_from_srgb(rgb[solid[lighter]]).mean(1).astype(np.float64)
-            ring, time_s, recorded = exposure.beside, exposure.time_s, tracers["recorded"]
-            factors[lighter] = shadows.capped(factors[lighter], points[lighter], brightness, ring, time_s, recorded)
+            factors[lighter] = shadows.capped(factors[lighter], points[lighter], brightness, beside())
         out[solid] = factors
         return out
 
-    def _ground_beside(self, exposure: _Exposure, shadows: SunShadows) -> GroundBeside:
-        """Return the ground beside what is gone, in the camera's colours."""
+    def _ground_beside(self, exposure: _Exposure, shadows: SunShadows, recorded: Tracer[Any]) -> GroundBeside:
+        """Return the ground beside what has changed, in the camera's colours."""
         tracer = self._blockers["bare"].tracer(shadows.bare, self.quality)
-        points = shadows.ring.copy()
-        if not len(points):
-            return GroundBeside(points, np.zeros(0))
+        ring, wide = shadows.ring, around(exposure.camera.world_from_camera.at(exposure.time_s)[:3, 3])
+        points = np.concatenate([ring, wide])
         points[:, 2] -= tracer.heights(points)
         rgb, depth = self._probed(exposure, points, self._blockers["bare"], tracer)
+        known = depth < 2 * PROBE_M
         brightness = linear_from_srgb(rgb).mean(1).astype(np.float64)
-        return GroundBeside(points, np.where(depth < 2 * PROBE_M, brightness, np.nan))
+        of_wide = brightness[len(ring) :][known[len(ring) :]]
+        full_sun = float(np.quantile(of_wide, FULL_SUN)) if len(of_wide) else 0.0
+        known[len(ring) :] = False
+        known[known] = shadows.in_recorded_sun(points[known], exposure.time_s, recorded)
+        return GroundBeside(points[known], brightness[known], full_sun)
 
     def _probed(
         self, exposure: _Exposure, points: FloatArray, binding: _Binding, tracer: Tracer[Any]

@@ -2,12 +2,12 @@
 
 A pixel's light is (A + S V): A of the sky and of all around, S of the sun, V whether the sun is seen. An edit changes V
 alone, so a pixel's linear colour changes by (A + S V') / (A + S V). V is traced twice, through the parked actors of the
-recording and through those that stand now; the shade of all else is not known.
+recording and through those that stand now. Shade of all else is where the ground of the recording is dark.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..geometry import BoolArray, FloatArray, invert_pose, points_in_box, transform_points
 from ..sensors.frames import RenderStats
 from ..sensors.rays import Rays
+from ..weather.wet_ground import GROUND_M
 from ..world.drive import Actor, Box, Camera, StaticCopy
 from ..world.light import Sun
 from ..world.replay import WorldState
@@ -30,8 +31,6 @@ SUN_RADIUS_RAD = 0.008
 """Half the angle over which a pixel's rays to the sun spread: more than the sun's 0.0047, for pixels have a size."""
 DIRECTIONS = ((-0.5, -0.25), (0.25, -0.5), (0.5, 0.25), (-0.25, 0.5))
 """Places on the sun, relative to the radius."""
-GROUND_M = 0.15
-"""Height up to which a surface counts as level ground."""
 MAX_FACING = 1.5
 """Largest sunlight on a surface, relative to that on level ground."""
 BESIDE_M = 0.3
@@ -39,8 +38,15 @@ BESIDE_M = 0.3
 NEIGHBOURS_M = 40.0
 """Distance from a changed box within which actors of the recording are traced, too."""
 EVERYWHERE_M = 2e4
-RING_M, RING_SPACING_M = (0.5, 1.2, 2.0), 0.7
+RING_M, RING_SPACING_M = (0.5, 1.2, 2.0, 3.0), 0.7
 """Distances from a box at which ground is compared, and the spacing of places along its sides."""
+AROUND_M, AROUND_SPACING_M, FULL_SUN = 24.0, 1.5, 0.9
+"""Half a square around the camera in which ground is compared, the spacing of places in it, and the quantile of their
+brightness that ground in full sun has."""
+SHADE, SHADOW = (0.3, 0.7), (0.6, 1.0)
+"""How many times darker than ground in the sun, relative to the sun's shadow as logarithms, a place is that begins to be, and
+is, in shade; and than ground beside, in the recorded shadow of what is gone. What stood there hid ground, and the scene has
+filled that in, often without a shadow."""
 NEAREST = 9
 """Number of places that a point is compared with."""
 
@@ -56,11 +62,20 @@ class _Blocker(NamedTuple):
 
 
 class GroundBeside(NamedTuple):
-    """Places (M, 3) on the ground beside what is gone, world frame, and their linear brightness (M,), NaN where it is not
-    known."""
+    """Places (M, 3) on the ground beside what has changed, world frame, that no parked actor shades, their linear brightness
+    (M,), and that of ground in full sun around the camera."""
 
     points: FloatArray
     brightness: FloatArray
+    full_sun: float
+
+    def level(self, points: FloatArray) -> FloatArray:
+        """Return the brightness (N,) of the ground beside points (N, 3); that of full sun where there is no ground."""
+        out = np.full(len(points), self.full_sun)
+        for part in np.array_split(np.arange(len(points)), len(points) // 4096 + 1) if len(self.points) else ():
+            apart = np.linalg.norm(points[part, None, :2] - self.points[None, :, :2], axis=-1)
+            out[part] = np.median(self.brightness[np.argsort(apart, axis=1, kind="stable")[:, :NEAREST]], 1)
+        return out
 
 
 @dataclass
@@ -73,18 +88,20 @@ class SunShadows:
     actors: tuple[Actor, ...]
     """Those that an edit has inserted, displaced or changed."""
     bare: WorldState
-    """The recorded world without actors."""
+    """The world without actors."""
     ring: FloatArray
-    """Places (M, 3) beside what is gone, world frame, at the height of its underside."""
+    """Places (M, 3) beside what has changed, world frame, at the height of its underside."""
     _blockers: tuple[tuple[_Blocker, ...], tuple[_Blocker, ...]]
 
     def factors(
         self, points: FloatArray, time_s: FloatArray, instance: Sequence[str], which: NDArray[np.int32],
         facing: Callable[[BoolArray], FloatArray], tracers: Mapping[str, Tracer[Any]],
+        beside: Callable[[], GroundBeside],
     ) -> FloatArray:  # fmt: skip
         """Return the factors (N, 3) of the light of points (N, 3), world frame, at times (N,). ``which`` (N,) are their
         actors' numbers in ``instance``, plus 1, 0 for none; ``facing`` returns unit normals (M, 3) of some (N,);
-        ``tracers`` are those of the states ``edited`` and ``recorded``."""
+        ``tracers`` are those of the states ``edited`` and ``recorded``; ``beside`` returns the ground beside what
+        has changed."""
         out = np.ones((len(points), 3))
         if not self.sun.casts:
             return out
@@ -108,10 +125,16 @@ class SunShadows:
         if not len(some):
             return out
         now, before = (
-            self._visible(points[some], time_s[some], start[some], toward, group, tracers[name])
+            self._visible(points[some], time_s[some], start[some], group, tracers[name])
             for group, name in zip(self._blockers, ("edited", "recorded"), strict=True)
         )
         before[is_own[some]] = 1
+        moved = now != before
+        if moved.any():
+            ring = beside()
+            darker = ring.full_sun / np.maximum(ring.level(points[some][moved]), 1e-4)
+            sunlit = 1 - _is_darker(darker, np.full(len(darker), 1 / (1 - np.mean(self.sun.strength))), SHADE)
+            now[moved], before[moved] = now[moved] * sunlit, before[moved] * sunlit
         level = np.zeros(len(points), bool)
         level[some] = (which[some] == 0) & (np.abs(tracers["edited"].heights(points[some])) < GROUND_M)
         matter = np.zeros(len(points), bool)
@@ -125,42 +148,29 @@ class SunShadows:
         out[some] = (1 + ratio * now[:, None]) / (1 + ratio * before[:, None])
         return out
 
-    def capped(
-        self, factors: FloatArray, points: FloatArray, brightness: FloatArray, ring: GroundBeside, time_s: float,
-        tracer: Tracer[Any],
-    ) -> FloatArray:  # fmt: skip
-        """Return factors (N, 3), each above 1 in a channel, for points (N, 3) of linear ``brightness`` (N,) so that they make
-        none brighter than the ground beside in the same light: what stood there hid its shadow, too, so that the scene
-        has not learnt all of that. ``tracer`` is that of ``recorded``."""
-        out = np.minimum(factors, 1)
-        lit = np.isfinite(ring.brightness)
-        if self.sun.casts and lit.any():
-            some = ring.points[lit]
-            times, start = np.full(len(some), time_s), np.full(len(some), START_M)
-            lit[lit] = self._visible(some, times, start, self.sun.direction, self._blockers[1], tracer) == 1
-        if not lit.any():
-            return out
-        places, levels = ring.points[lit], ring.brightness[lit]
-        for part in np.array_split(np.arange(len(points)), len(points) // 4096 + 1):
-            apart = np.linalg.norm(points[part, None, :2] - places[None, :, :2], axis=-1)
-            nearest = np.argsort(apart, axis=1, kind="stable")[:, :NEAREST]
-            limit = np.maximum(np.median(levels[nearest], 1) / np.maximum(brightness[part], 1e-4), 1)
-            more = factors[part] - 1
-            part_of_it = np.clip((limit - 1) / np.maximum(more.mean(1), 1e-6), 0, 1)
-            out[part] = np.where(more > 0, 1 + more * part_of_it[:, None], factors[part])
-        return out
+    def capped(self, factors: FloatArray, points: FloatArray, brightness: FloatArray, ring: GroundBeside) -> FloatArray:
+        """Return factors (N, 3), each above 1 in a channel, for points (N, 3) of linear ``brightness`` (N,) so that they
+        lift what is darker than the ground beside, and make none brighter than that."""
+        if not len(ring.points):
+            return np.minimum(factors, 1)
+        limit = np.maximum(ring.level(points) / np.maximum(brightness, 1e-4), 1)
+        more = factors - 1
+        part_of_it = np.clip((limit - 1) / np.maximum(more.mean(1), 1e-6), 0, 1)
+        part_of_it *= _is_darker(limit, factors.mean(1), SHADOW)
+        return np.where(more > 0, 1 + more * part_of_it[:, None], factors)
+
+    def in_recorded_sun(self, points: FloatArray, time_s: float, tracer: Tracer[Any]) -> BoolArray:
+        """Return which points (N, 3) no parked actor shades, by the tracer of ``recorded``."""
+        times, start = np.full(len(points), time_s), np.full(len(points), START_M)
+        return np.asarray(self._visible(points, times, start, self._blockers[1], tracer) == 1)
 
     def _visible(
-        self, points: FloatArray, time_s: FloatArray, start: FloatArray, toward: FloatArray,
+        self, points: FloatArray, time_s: FloatArray, start: FloatArray,
         blockers: Sequence[_Blocker], tracer: Tracer[Any],
     ) -> FloatArray:  # fmt: skip
         """Return how much (N,) of the sun is seen past blockers."""
-        side = np.cross(toward, [0.0, 0.0, 1.0] if toward[2] < 0.99 else [1.0, 0.0, 0.0])
-        side /= np.linalg.norm(side)
         blocked = np.zeros(len(points))
-        for a, b in DIRECTIONS:
-            direction = toward + SUN_RADIUS_RAD * (a * side + b * np.cross(side, toward))
-            direction /= np.linalg.norm(direction)
+        for direction in self._directions():
             furthest = np.full(len(points), -np.inf)
             for box in blockers:
                 enter, leave = _span(box, points, direction)
@@ -174,6 +184,15 @@ class SunShadows:
             depth = tracer.trace(rays, {"depth"}, False, hits, RenderStats()).maps["depth"]
             blocked[some] += depth - NEAR_M + start[some] < furthest[some] + BESIDE_M
         return 1 - blocked / len(DIRECTIONS)
+
+    def _directions(self) -> Iterator[FloatArray]:
+        """Yield unit directions (3,) to places on the sun."""
+        toward = self.sun.direction
+        side = np.cross(toward, [0.0, 0.0, 1.0] if toward[2] < 0.99 else [1.0, 0.0, 0.0])
+        side /= np.linalg.norm(side)
+        for a, b in DIRECTIONS:
+            direction = toward + SUN_RADIUS_RAD * (a * side + b * np.cross(side, toward))
+            yield direction / np.linalg.norm(direction)
 
 
 def sun_shadows(
@@ -234,16 +253,30 @@ def sun_shadows(
         replace(bare, actors=ordered([*actors, *(standing[uid] for uid in stay)]), static_copies=state.static_copies),
         replace(bare, actors=ordered([standing[uid] for uid in near]), static_copies=statics),
         actors,
-        replace(bare, removed_boxes=()),
-        _ring([b for b in before if b.changed], [parked[uid] for uid in near]),
+        replace(bare, removed_boxes=state.removed_boxes),
+        _ring([b for b in (*now, *before) if b.changed], [parked[uid] for uid in near]),
         (tuple([*now, *beside]), tuple([*before, *beside])),
     )
 
 
-def _ring(gone: Sequence[_Blocker], parked: Sequence[Box]) -> FloatArray:
-    """Return places (M, 3) beside boxes that are gone and in none that was parked, at the height of their undersides."""
+def _is_darker(ratio: FloatArray, shadow: FloatArray, ends: tuple[float, float]) -> FloatArray:
+    """Return how surely (N,) in 0..1 a place is in a shadow that makes it ``shadow`` (N,) times darker, by how many times
+    darker it is: 0 and 1 at the ``ends``."""
+    part = np.log(np.maximum(ratio, 1)) / np.maximum(np.log(shadow), 1e-6)
+    return np.clip((part - ends[0]) / (ends[1] - ends[0]), 0, 1)
+
+
+def around(position: FloatArray) -> FloatArray:
+    """Return places (M, 3) in a square around a position (3,), world frame."""
+    steps = np.arange(-AROUND_M, AROUND_M + 1e-6, AROUND_SPACING_M)
+    x, y = (axis.reshape(-1) for axis in np.meshgrid(steps, steps))
+    return position + np.stack([x, y, np.zeros_like(x)], -1)
+
+
+def _ring(changed: Sequence[_Blocker], parked: Sequence[Box]) -> FloatArray:
+    """Return places (M, 3) beside boxes that have changed and in none that was parked, at the height of their undersides."""
     parts = [np.zeros((0, 3))]
-    for box in gone:
+    for box in changed:
         for beside in RING_M:
             half = box.size_m[:2] / 2 + beside
             steps = [np.arange(-h, h, RING_SPACING_M) for h in half]

@@ -9,6 +9,8 @@ from ..world.light import KEYED, MAX_STRENGTH, SunKeys
 from .json_schema import Schema, object_of
 from .weather import Keyed, check_keys, keyed, keys_of
 
+MIN_ELEVATION_DEG = 2.0
+
 
 @dataclass(frozen=True)
 class SunSpec:
@@ -17,7 +19,7 @@ class SunSpec:
     azimuth_deg: Annotated[
         Keyed, keyed("Direction to the sun, counter-clockwise from the world's x.", minimum=-360, maximum=360)
     ]
-    elevation_deg: Annotated[Keyed, keyed("Height above the horizon.", minimum=2, maximum=90)]
+    elevation_deg: Annotated[Keyed, keyed("Height above the horizon.", minimum=MIN_ELEVATION_DEG, maximum=90)]
     strength: Annotated[
         Keyed, keyed("The sun's part of the light on sunlit level ground; 0: none.", minimum=0, maximum=MAX_STRENGTH)
     ]

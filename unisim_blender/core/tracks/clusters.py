@@ -25,6 +25,8 @@ MOVING = 0.3
 WEAK_RETURNS = 8
 """Clusters of this many returns of which fewer do go on with tracks, and begin none."""
 LARGEST_M = 20.0
+AT_ONCE_S = 0.02
+"""Clusters of one thing that are less apart in time are of one moment."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +55,19 @@ class Cluster:
         return float(np.linalg.norm(np.ptp(self.points[:, :2], 0)))
 
 
+def together(clusters: Sequence[Cluster]) -> list[Cluster]:
+    """Return clusters of one thing in order of time, with those joined that several LiDARs see at once."""
+    groups: list[list[Cluster]] = []
+    for cluster in clusters:
+        if groups and cluster.middle_s - groups[-1][0].middle_s < AT_ONCE_S:
+            groups[-1].append(cluster)
+        else:
+            groups.append([cluster])
+    return [group[0] if len(group) == 1 else merged(group) for group in groups]
+
+
 def merged(clusters: Sequence[Cluster]) -> Cluster:
-    """Return several clusters of one sweep as one."""
+    """Return several clusters of one time as one."""
     points, time_s = (np.concatenate([getattr(cluster, name) for cluster in clusters]) for name in ("points", "time_s"))
     return Cluster(points, time_s, np.mean([cluster.origin for cluster in clusters], 0))
 

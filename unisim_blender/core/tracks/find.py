@@ -14,7 +14,7 @@ from .associate import associate
 from .box_file import Track, common_times, moved
 from .boxes import closest_heading
 from .certainty import moving_features, probability
-from .clusters import Cluster
+from .clusters import Cluster, together
 from .evidence import Evidence, SearchProgress, evidence_of, tell
 from .ground import GroundHeights
 from .register import PlanarPath, register, returns_of, rotated, smoothed
@@ -73,10 +73,9 @@ def candidates(log: Log, progress: SearchProgress = lambda stage, done: None) ->
 def _moving(uid: str, clusters: Sequence[Cluster], evidence: Evidence, stays: FloatArray) -> Candidate | None:
     """Return the track of clusters of one thing; None of one that does not move. ``stays``: `StandingMap.voxels`."""
     ground, times_s = evidence.ground, evidence.times_s
+    seen = len(clusters)
+    clusters = together(clusters)
     times = np.array([cluster.middle_s for cluster in clusters])
-    keep = np.append(True, np.diff(times) > 1e-3)
-    clusters = [cluster for cluster, there in zip(clusters, keep, strict=True) if there]
-    times = times[keep]
     middles = np.array([cluster.middle for cluster in clusters])
     largest = max(clusters, key=lambda cluster: len(cluster.points))
     path = smoothed(times, middles, np.full(len(times), closest_heading(largest.points[:, :2])), NOISE_M)
@@ -99,7 +98,7 @@ def _moving(uid: str, clusters: Sequence[Cluster], evidence: Evidence, stays: Fl
     assert shape is not None
     if _moved(path) < max(MOVED_M, MOVED * length):
         return None
-    fill = len(times) / max(int(((times_s > times[0] - 0.1) & (times_s < times[-1] + 0.1)).sum()), 1)
+    fill = seen / max(int(((times_s > times[0] - 0.1) & (times_s < times[-1] + 0.1)).sum()), 1)
     features = moving_features(returns, fill, shape.seen, stays)
     actor = actor_of(uid, shape.label, shape.size_m, path, ground, True)
     count = sum(len(cluster.points) for cluster in clusters)

@@ -70,7 +70,7 @@ def keep_freed_memory() -> None:
 
     try:
         libc = ctypes.CDLL("libc.so.6")
-        libc.mallopt(-3, 32 << 20)
+        libc.mallopt(-4, 0)  # none is a mapping of its own, whose pages are new at every step
         libc.mallopt(-1, 1 << 30)
         libc.mallopt(-8, 1)  # one arena: those of other threads are given back when they are empty
     except (OSError, AttributeError):

@@ -19,6 +19,7 @@ from ..data.fingerprint import Fingerprint, fingerprint_of
 from ..data.log import Log, extras_of
 from ..errors import LogError
 from ..geometry import FloatArray, invert_pose, transform_points
+from ..model.actors import GridActors
 from ..model.config import ModelConfig
 from ..model.fields import HashTable
 from ..model.occupancy import OccupancyTrainer
@@ -228,6 +229,9 @@ class TrainingSetup:
         if has_kernels:
             self.model.actors.sink = GradientSink()
         gaits = self.model.actors.gaits
+        if gaits is not None and not self._makes_poses:
+            gaits.sink = GradientSink()
+            self.sinks.append((gaits.sink, gaits.tables))
         poses = [] if gaits is None else [gaits.tables]
         appearances = [p for p in self.model.actors.own() if all(p is not pose for pose in poses)]
         known = {id(p) for p in (*tables, *appearances, *poses)}
@@ -259,10 +263,17 @@ class TrainingSetup:
             for groups in (fast, slow)
         )
 
+    @property
+    def _makes_poses(self) -> bool:
+        """Whether steps have the tables of all poses: a GPU writes them sooner than it waits for which samples need some."""
+        return self.config.device != "cpu" or not isinstance(self.model.actors, GridActors)
+
     def slow_outputs(self) -> dict[str, Tensor]:
         """Return what the slow parameters give: see `deferred`."""
         positions, quaternions = self.tracklets.keys()
-        return {"tables": self.model.actors.tables(), "positions": positions, "quaternions": quaternions}
+        actors = self.model.actors
+        tables = actors.tables() if self._makes_poses else actors.own_rows()
+        return {"tables": tables, "positions": positions, "quaternions": quaternions}
 
     def deferred(self) -> dict[str, Tensor]:
         """Return the outputs of the slow parameters, constant between two slow updates: every actor's grid

@@ -20,6 +20,9 @@ FASTEST_M_S = 15.0
 TICK_M = 0.4
 PLAN = np.array([0.1, 0.9, 0.35, 1.0])
 GHOST = np.array([0.75, 0.75, 0.85, 0.8])
+SUNLIGHT, SHADOW = np.array([1.0, 0.8, 0.2, 1.0]), np.array([0.0, 0.0, 0.0, 0.8])
+SUN_LINE_M, SUN_DISC_M = 8.0, 0.5
+"""Length of the line to the sun, and the radius of the disc at its end."""
 DRIVEN = np.array([1.0, 0.75, 0.1, 1.0])
 ABOVE_M = 0.15
 """Height of a drawn plan above the rear axle's, so that the road does not hide it."""
@@ -120,6 +123,20 @@ def vehicle_boxes(recorded: FloatArray, now: FloatArray, vehicle: Vehicle) -> Tr
     middle[2, 3] += EGO_HEIGHT_M / 2 - AXLE_HEIGHT_M
     parts = [_lines(_box(now @ middle, size), DRIVEN)]
     return joined([*parts, ghost_lines([(recorded @ middle, now @ middle, size)])])
+
+
+def sun_lines(pose: FloatArray, size_m: FloatArray, toward: FloatArray) -> TrailSegments:
+    """Return a line from a box, its pose (4, 4) and size (3,), ``toward`` (3,) the sun, with the sun's disc at its end, and
+    the line of the box's shadow on the ground under it."""
+    middle, foot = pose[:3, 3], pose[:3, 3] - pose[:3, 2] * size_m[2] / 2
+    end = middle + SUN_LINE_M * toward
+    side = np.cross(toward, [0.0, 1.0, 0.0] if abs(toward[1]) < 0.9 else [1.0, 0.0, 0.0])
+    side /= np.linalg.norm(side)
+    turns = np.linspace(0, 2 * np.pi, 17)[:, None]
+    disc = end + SUN_DISC_M * (np.cos(turns) * side + np.sin(turns) * np.cross(toward, side))
+    shadow = foot - np.append(toward[:2], 0.0) * size_m[2] / toward[2]
+    lines = np.concatenate([np.stack([middle, end]), _pairs(disc)])
+    return joined([_lines(lines, SUNLIGHT), _lines(np.stack([foot, shadow]), SHADOW)])
 
 
 def path_lines(positions: FloatArray, colour: FloatArray = GHOST * [1, 1, 1, 0.5]) -> TrailSegments:

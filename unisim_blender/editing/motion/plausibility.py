@@ -89,14 +89,14 @@ def warnings_of(
 
 
 def shadow_note(sampled: Sampled, drive: Drive, is_trained: bool) -> str:
-    """Return what becomes of the recorded shadows of actors that are not as recorded, as one sentence; "" without any.
-    Only a trained scene has ground in actors' boxes."""
+    """Return what becomes of the recorded shadows of actors that are not as recorded, as one sentence; "" without any,
+    and where a sun moves them. Only a trained scene has ground in actors' boxes."""
     names = [
         obj.name
         for obj in sampled.of("ACTOR")
         if obj.there.any() and not obj.mesh and not _as_recorded(obj, drive, sampled.clock)
     ]
-    if not names:
+    if not names or (is_trained and sampled.light is not None):
         return ""
     actors = ", ".join(names[:MOST_NAMED]) + (f" + {len(names) - MOST_NAMED}" if len(names) > MOST_NAMED else "")
     if not is_trained:

@@ -65,6 +65,7 @@ def read_scenario(
         boxes=reading.boxes or None,
         edits=edits,
         weather=sampled.weather,
+        light=sampled.light,
         outputs=outputs,
         path=path,
     )
@@ -125,7 +126,6 @@ def stated_text(scenario: Scenario) -> str:
         frames=scenario.frames,
         times=scenario.times,
         outside=scenario.outside,
-        light=scenario.light,
         sensors=own if timed else None,
     )
     return "" if stated == Scenario(name="kept", log="log") else json.dumps(scenario_to_json(stated))
@@ -142,7 +142,6 @@ def with_stated(scenario: Scenario, text: str, drive: Drive, captures: bool) -> 
         scenario,
         description=stated.description,
         outside=stated.outside,
-        light=stated.light,
         simulation=stated.simulation,
     )
     if stated.outputs is not None and scenario.outputs is not None and scenario.outputs.formats is None:

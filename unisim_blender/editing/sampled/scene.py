@@ -15,6 +15,7 @@ import numpy as np
 
 from ...core.geometry import BoolArray, FloatArray, nearest_rotation
 from ...core.scenario.edits.scale import SIZE_FACTOR_BOUNDS, scales
+from ...core.scenario.light import LightSpec
 from ...core.scenario.weather import WeatherSpec
 from ...core.world.drive import Actor, CameraModel, Drive
 from ..texts import Text
@@ -162,7 +163,7 @@ class SampledObject:
 class Sampled:
     """The objects of a scene at the frames of ``clock``, in order of their names. ``items`` are the static items that
     were marked in the scene, by id, as their boxes have it in ``model``; a box may be gone. ``skipped`` are the recorded
-    sensors that were not imported, ``weather`` is that of the whole drive."""
+    sensors that were not imported, ``weather`` and ``light`` are those of the whole drive."""
 
     name: str
     clock: Clock
@@ -170,6 +171,7 @@ class Sampled:
     items: dict[str, str] = field(default_factory=dict)
     skipped: frozenset[str] = frozenset()
     weather: WeatherSpec | None = None
+    light: LightSpec | None = None
 
     def of(self, *kinds: str) -> Iterator[SampledObject]:
         """The objects of some kinds."""

@@ -18,7 +18,7 @@ import pytest
 from PIL import Image
 from small_log import small_drive, write_small_log
 
-from unisim_blender.core.data.log import Sweep
+from unisim_blender.core.data.log import Sweep, extras_of
 from unisim_blender.core.data.splits import PANDASET, SPLITS
 from unisim_blender.core.data.sweep_cells import find_cells, make_grid
 from unisim_blender.core.errors import LogError
@@ -325,6 +325,14 @@ def test_ego_frame_is_turned_to_x_forward(log_path: Path) -> None:
     np.testing.assert_array_equal(drive.world_from_ego.positions[0], 0)
     np.testing.assert_allclose(drive.world_origin, small_drive().world_origin)
     assert drive.cameras["front_camera"].model.shutter == RollingShutter(0.03, 1.0)
+
+
+@pytest.mark.parametrize("content", [None, {}, [{"lat": 1.0}], [{"lat": 37.8, "long": -122.4}], [{"lat": "x"}] * 4])
+def test_positions_on_the_earth_that_tell_nothing_leave_the_sun_open(log_path: Path, content: object) -> None:
+    as_pandaset(log_path)
+    if content is not None:
+        (log_path / "meta/gps.json").write_text(json.dumps(content))
+    assert extras_of(open_log(log_path)).sun is None
 
 
 def test_box_axes_and_yaw_by_hand(log_path: Path) -> None:

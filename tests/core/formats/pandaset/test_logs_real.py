@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unisim_blender.core.data.log import Log, Sweep
+from unisim_blender.core.data.log import Log, Sweep, extras_of
 from unisim_blender.core.formats.pandaset.safe_pickle import read_table
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.sensors.camera import line_times
+from unisim_blender.core.sensors.camera import camera_rays, line_times
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.world.drive import Actor, Camera
+from unisim_blender.core.world.light import direction_to
 
 pandas = pytest.importorskip("pandas")
 ROOT = Path(os.environ.get("UNISIM_PANDASET", Path(__file__).parents[5] / "shared/data/pandaset/002"))
@@ -161,6 +162,18 @@ def test_images_are_as_large_as_their_cameras(log: Log) -> None:
     for name, camera in log.drive.cameras.items():
         image = log.image(name, log.image_frames(name)[0])
         assert image.shape == (camera.model.height, camera.model.width, 3) and image.std() > 20
+
+
+def test_the_sun_stands_where_the_sky_is_brightest(log: Log) -> None:
+    """In front of the left camera, behind the edge of a cloud."""
+    sun, camera = extras_of(log).sun, log.drive.cameras["left_camera"]
+    assert sun is not None and sun.deviation_deg < 1
+    image = log.image("left_camera", 0).sum(-1)
+    v, u = np.nonzero(image >= np.quantile(image, 0.9995))
+    middle = np.median(u), np.median(v)
+    brightest = camera_rays(camera, camera.time_s[0], *(np.array([[x + 0.5]]) for x in middle)).directions[0, 0]
+    stated = direction_to(np.radians(sun.azimuth_deg), np.radians(sun.elevation_deg))
+    assert np.degrees(np.arccos(brightest @ stated)) < 2.5
 
 
 def test_depth_edges_fall_on_the_edges_of_images_taken_then(log: Log) -> None:

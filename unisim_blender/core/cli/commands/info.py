@@ -67,9 +67,10 @@ def describe_log(log: Log) -> dict[str, Any]:
         camera["images"] = len(log.image_frames(name))
     for name, lidar in about["lidars"].items():
         lidar["sweeps"] = len(log.sweep_frames(name))
-    own = extras_of(log).classes
-    motion = {label: motion_of(label, own) for label in about["actors"]}
-    return about | {"motion": motion, "missing": list(log.missing), "doubts": doubts(log)}
+    extras = extras_of(log)
+    motion = {label: motion_of(label, extras.classes) for label in about["actors"]}
+    sun = {} if extras.sun is None else {"sun": {name: round(x, 2) for name, x in asdict(extras.sun).items()}}
+    return about | sun | {"motion": motion, "missing": list(log.missing), "doubts": doubts(log)}
 
 
 def _add_agreement(path: Path, about: dict[str, Any]) -> None:
@@ -180,6 +181,9 @@ def lines_of(about: dict[str, Any]) -> list[str]:
         lines += [f"  {key}: {value}" for key, value in about["training"].items()]
         lines.append(f"  weights: {about['weights_mb']} MB")
     lines += [f"  poses: {about['agreement']}"] if about.get("agreement") else []
+    if sun := about.get("sun"):
+        where = "azimuth {azimuth_deg:.1f}, elevation {elevation_deg:.1f} degrees, within {deviation_deg:.1f}"
+        lines.append(f"  sun: {where.format(**sun)}, by place and time, whether it shone or not")
     lines.append("  missing:" if about["missing"] else "  missing: nothing")
     lines += [f"    {sentence}" for sentence in about["missing"]]
     if about.get("doubts"):

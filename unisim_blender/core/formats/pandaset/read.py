@@ -18,6 +18,7 @@ from ...errors import LogError, in_a_line
 from ...geometry import FloatArray, Trajectory, TrajectoryError, make_pose, transform_points
 from ...lenses import PINHOLE
 from ...world.drive import Camera, CameraModel, Drive, Lidar
+from ...world.light import SunPosition, recorded_sun
 from ..common.file_log import FileLog, absent_frames, read_text
 from ..common.sensor_file import LidarSetup, LogSetup, read_setup
 from . import sensors as sensors
@@ -172,6 +173,23 @@ class PandasetLog(FileLog):
             world_origin=setup.world_origin,
         )
         self.missing = tuple(missing)
+
+    @property
+    def sun(self) -> SunPosition | None:
+        """Where the sun stood at the middle frame; None without positions on the Earth for every frame, or for a log that
+        another program wrote: its times may begin anywhere."""
+        path, times = self.path / "meta" / "gps.json", self._read_times(self.path / "lidar")
+        if not self._is_pandasets_own or not path.is_file():
+            return None
+        records = read_json(path)
+        try:
+            degrees = np.array([(record["lat"], record["long"]) for record in records], np.float64)
+        except (TypeError, KeyError, ValueError):
+            return None
+        positions, _ = read_poses(self.path / "lidar" / "poses.json", len(times))
+        if degrees.shape != (len(times), 2) or not np.isfinite(degrees).all():
+            return None
+        return recorded_sun(degrees, positions, float(times[len(times) // 2]))
 
     @property
     def road(self) -> Mapping[int, bool]:

@@ -45,13 +45,14 @@ from ....model.shapes import (
     gait_basis,
     gait_rows,
     perceptrons,
+    scene_struct,
     static_grid,
     stored_arrays,
     stored_voxels,
 )
 from ....model.volume import Volume
 from ....native import FieldStruct, SceneStruct
-from ....ops.constants import DECAY_PER_M, GROUND_CELL_M, GROUND_CLEARANCE_M, GROUND_LIGHT_RADIUS_M
+from ....ops.constants import GROUND_CELL_M, GROUND_LIGHT_RADIUS_M
 from ....ops.grid_shape import GridArrays, GridShape
 from .decoder import Decoder
 from .structs import address, doubles, floats
@@ -184,7 +185,7 @@ class CompiledScene:
         self.arrays: list[NDArray[Any]] = []
         """All arrays that the structure points to."""
         voxel_shapes = stored_voxels(config, size)
-        shape, ground = voxel_shapes["occupancy.values"], shapes["ground.heights"]
+        shape = voxel_shapes["occupancy.values"]
         voxels = self._voxels = self._keep(weights.voxels("occupancy.values", shape))
         self.observed = weights.voxels("observed", voxel_shapes["observed"])
         clearance = self._keep(np.empty_like(voxels))
@@ -195,26 +196,17 @@ class CompiledScene:
             light = ctypes.pointer(self._network("light.network"))
             home = self._keep(floats(self._array("light.home")[self.gaits.owner]))
         self.decoder = Decoder(weights, config, len(self.cameras))
-        self.struct = SceneStruct(
+        self.struct = scene_struct(
+            config,
+            size,
             static_field=self._field("static.network", "static.grid.table", static_grid(config, size)),
             background=self._field("background.network", "background.grid.table", background_grid(config)),
             actor_fields=self._field("actors.network", "actors.tables", actor_grid(config)),
             volume_from_world=address(self._keep(doubles(self._volume_from_world[:3]))),
-            size=(ctypes.c_float * 3)(*map(float, size)),
-            background_radius_m=float(min(size[:2]) / 2),
-            background_far_m=config.far_m,
             beta=float(min(np.exp(np.float32(self._array("log_beta"))), MAX_BETA)),
-            unisim_density=int(config.density == "unisim"),
-            density_step_m=config.unisim_step_m,
             voxels=address(voxels),
             clearance=address(clearance),
-            voxel_shape=(ctypes.c_int32 * 3)(*shape),
-            voxel_m=config.voxel_m,
-            decay_per_m=DECAY_PER_M,
             ground=address(self._ground),
-            ground_shape=(ctypes.c_int32 * 2)(*ground),
-            ground_m=GROUND_CELL_M,
-            ground_clearance_m=GROUND_CLEARANCE_M,
             light=light,
             light_home=address(home),
             light_reach_m=GROUND_LIGHT_RADIUS_M,

@@ -14,8 +14,9 @@ from .... import native
 from ....model.fields import BackgroundModel, StaticField
 from ....model.networks import two_layers_of
 from ....model.scene import SceneModel
+from ....model.shapes import scene_struct
 from ....ops import field, propose
-from ....ops.constants import DECAY_PER_M, GROUND_CELL_M, GROUND_CLEARANCE_M, QUANTILE_FLOOR
+from ....ops.constants import QUANTILE_FLOOR
 from ....ops.devices import kernel_threads
 from ....ops.dispatch import on_cpu
 from ....ops.propose import RaySpans
@@ -48,23 +49,13 @@ class _Scene:
 
     def __init__(self, scene: SceneModel) -> None:
         self.arrays: list[Tensor] = []
-        own, behind, ground = scene.static, scene.background, scene.ground.heights
-        self.struct = native.SceneStruct(
+        own, behind = scene.static, scene.background
+        self.struct = scene_struct(
+            scene.config, scene.volume.size_m, beta=float(scene.beta()),
             static_field=self._field(own.grid.grid.struct, own.grid.table, *two_layers_of(own.network, 1)),
             background=self._field(behind.grid.grid.struct, behind.grid.table, *two_layers_of(behind.network, 1)),
-            size=(ctypes.c_float * 3)(*own.size_m.tolist()),
-            background_radius_m=behind.radius_m,
-            background_far_m=scene.config.far_m,
-            beta=float(scene.beta()),
-            voxels=self._address(scene.occupancy.values),
-            voxel_shape=(ctypes.c_int32 * 3)(*scene.occupancy.values.shape),
-            voxel_m=scene.occupancy.voxel_m,
-            decay_per_m=DECAY_PER_M,
-            ground=self._address(ground),
-            ground_shape=(ctypes.c_int32 * 2)(*ground.shape),
-            ground_m=GROUND_CELL_M,
-            ground_clearance_m=GROUND_CLEARANCE_M,
-        )
+            voxels=self._address(scene.occupancy.values), ground=self._address(scene.ground.heights),
+        )  # fmt: skip
 
     def _field(
         self, grid: native.GridStruct, table: Tensor, w1: Tensor, w2: Tensor, bias: Tensor
