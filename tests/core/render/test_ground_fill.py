@@ -14,11 +14,12 @@ from rendered_folder import contents
 
 from unisim_blender.core import native
 from unisim_blender.core.cli.main import unisim
-from unisim_blender.core.render import ground_fill as module
 from unisim_blender.core.render import recorded_depth as recorded_depth_module
-from unisim_blender.core.render.ground_fill import GroundFill, filled, ground_fill, trace_ground
+from unisim_blender.core.render import traced_ground as module
+from unisim_blender.core.render.ground_fill import UNSURE_TEXELS, GroundFill, filled, share_of
 from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.render.traced_ground import ground_fill, trace_ground
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.world.drive import Drive
@@ -64,8 +65,8 @@ def test_places_between_texels_and_outside_of_the_map() -> None:
 def test_what_was_seen_is_not_filled_and_nothing_far_from_it() -> None:
     seen = np.zeros((200, 9), bool)
     seen[:20] = True
-    share = module._share(seen, seen, 0.1)[:, 4, 0]
-    assert not share[: 19 + module.UNSURE_TEXELS].any() and (share[25:55] == 1).all() and not share[62:].any()
+    share = share_of(seen, seen, 0.1)[:, 4, 0]
+    assert not share[: 19 + UNSURE_TEXELS].any() and (share[25:55] == 1).all() and not share[62:].any()
     assert (np.diff(share[:40]) >= 0).all()
 
 

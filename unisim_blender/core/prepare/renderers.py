@@ -18,10 +18,10 @@ from ..errors import ScenarioError, SceneError
 from ..formats.readers import open_log
 from ..presets import methods
 from ..render.captures import CaptureStates
-from ..render.ground_fill import ground_fill, trace_ground
 from ..render.observed_space import Observing
 from ..render.quality import Quality, quality_named
 from ..render.renderer import Renderer, reach_of
+from ..render.traced_ground import ground_fill, trace_ground
 from ..render.tracer import Backend
 from ..render.tracers.surfels.build import Step, finished
 from ..render.tracers.surfels.cache import build_key, surfels_of

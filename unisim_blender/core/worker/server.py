@@ -26,11 +26,12 @@ from ..formats.readers import drive_in, open_log
 from ..prepare.renderers import UNTRAINED_DEFAULT
 from ..render.changes import RenderedState, changed_regions, joined_where_cheaper
 from ..render.confidence import RecordedDepth
-from ..render.ground_fill import GroundFill, trace_ground
+from ..render.ground_fill import GroundFill
 from ..render.lattice import Region
 from ..render.observed_space import ObservedSpace, Observing, cache_space, cached_space, observe_space
 from ..render.recorded_depth import trace_recorded
 from ..render.renderer import Renderer
+from ..render.traced_ground import trace_ground
 from ..render.tracers.surfels.build import Step, preliminary_surfels
 from ..render.tracers.surfels.cache import surfels_of
 from ..render.tracers.surfels.model import SurfelScene
