@@ -19,7 +19,7 @@ from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
 from unisim_blender.core.render.changes import RenderedState, changed_regions
 from unisim_blender.core.render.lattice import Region
-from unisim_blender.core.render.sun_shadow import GroundBeside, sun_shadows
+from unisim_blender.core.render.sun_shadow import GroundBeside, capped, sun_shadows
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.world.drive import Actor, Box
 from unisim_blender.core.world.encoding import decode_state, encode_state
@@ -62,7 +62,7 @@ def slab(actor: Actor, origins: FloatArray, directions: FloatArray) -> tuple[Flo
     return np.minimum(a, b).max(1), np.maximum(a, b).min(1)
 
 
-IN_SUN = GroundBeside(np.array([[0.0, 3.0, 0.0]]), np.array([0.4]), 0.45)
+IN_SUN = GroundBeside(np.array([[0.0, 3.0, 0.0]]), np.array([0]), np.array([0.4]), 0.45)
 
 
 def factors(
@@ -73,9 +73,10 @@ def factors(
     assert shadows is not None
     tracers: Any = {"edited": Boxes(shadows.edited), "recorded": Boxes(shadows.recorded)}
     nothing = np.zeros(len(points), np.int32)
+    unlit = np.full(len(points), 0.01)
     return shadows.factors(
-        points, np.zeros(len(points)), (), nothing, lambda some: np.zeros((some.sum(), 3)), tracers, lambda: beside
-    )
+        points, np.zeros(len(points)), (), nothing, lambda some: np.zeros((some.sum(), 3)), tracers, unlit, lambda: beside
+    )  # fmt: skip
 
 
 def ground() -> tuple[FloatArray, Any, Any]:
@@ -118,17 +119,17 @@ def test_an_inserted_box_shades_the_plane_by_the_suns_part_and_a_removed_one_giv
 
 
 def test_what_is_as_dark_as_a_recorded_shadow_is_lifted_to_the_ground_beside_and_nothing_else() -> None:
-    light = Sunlight(SUN, ())
-    removed = WorldState(0.0, 0.0, EGO, (), removed_boxes=(Box(world_pose(0.0, 0.0, 0.75), CAR.size_m),), light=light)
-    shadows = sun_shadows(removed, tiny_drive().cameras["front"], {"car": CAR}, {"car": removed.removed_boxes[0]})
-    assert shadows is not None
     wanted = np.full((4, 3), 2.5)
     # in a shadow, in half of one, lit, and brighter than the ground beside
     brightness = np.array([0.4 / 2.5, 0.4 / np.sqrt(2.5), 0.4, 0.8])
-    lifted = shadows.capped(wanted, np.zeros((4, 3)), brightness, IN_SUN)
+    lifted = capped(wanted, brightness, np.full(4, 0.4))
     np.testing.assert_allclose(lifted[:, 0], [2.5, 1, 1, 1])
-    unknown = GroundBeside(np.zeros((0, 3)), np.zeros(0), 0.45)
-    assert (shadows.capped(wanted, np.zeros((4, 3)), brightness, unknown) == 1).all()
+    assert (capped(wanted, brightness, np.full(4, np.nan)) == 1).all()
+
+
+def test_ground_beside_one_changed_box_says_nothing_of_another() -> None:
+    both = GroundBeside(np.array([[0.0, 3, 0], [1, 3, 0]]), np.array([0, 1]), np.array([0.4, 0.1]), 0.45)
+    np.testing.assert_array_equal(both.level(np.array([[1.0, 3, 0]] * 3), np.array([0, 1, 2])), [0.4, 0.1, np.nan])
 
 
 def test_light_is_part_of_a_state_only_where_an_edit_changes_something() -> None:

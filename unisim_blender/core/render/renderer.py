@@ -776,12 +776,10 @@ class Renderer:
                 exposure.beside = self._ground_beside(exposure, shadows, tracers["recorded"])
             return exposure.beside
 
-        factors = shadows.factors(points, rays.time_s, uids, instance[solid], facing, tracers, beside)
-        lighter = np.flatnonzero(factors.max(1) > 1)
-        if len(lighter):
-            brightness = linear_from_srgb(rgb[solid[lighter]]).mean(1).astype(np.float64)
-            factors[lighter] = shadows.capped(factors[lighter], points[lighter], brightness, beside())
-        out[solid] = factors
+        brightness = linear_from_srgb(rgb[solid]).mean(1).astype(np.float64)
+        out[solid] = shadows.factors(
+            points, rays.time_s, uids, instance[solid], facing, tracers, brightness, beside
+        )  # fmt: skip
         return out
 
     def _ground_beside(self, exposure: _Exposure, shadows: SunShadows, recorded: Tracer[Any]) -> GroundBeside:
@@ -797,7 +795,7 @@ class Renderer:
         full_sun = float(np.quantile(of_wide, FULL_SUN)) if len(of_wide) else 0.0
         known[len(ring) :] = False
         known[known] = shadows.in_recorded_sun(points[known], exposure.time_s, recorded)
-        return GroundBeside(points[known], brightness[known], full_sun)
+        return GroundBeside(points[known], shadows.ring_owner[known[: len(ring)]], brightness[known], full_sun)
 
     def _probed(
         self, exposure: _Exposure, points: FloatArray, binding: _Binding, tracer: Tracer[Any]

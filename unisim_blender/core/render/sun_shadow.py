@@ -63,18 +63,24 @@ class _Blocker(NamedTuple):
 
 class GroundBeside(NamedTuple):
     """Places (M, 3) on the ground beside what has changed, world frame, that no parked actor shades, their linear brightness
-    (M,), and that of ground in full sun around the camera."""
+    (M,), and that of ground in full sun around the camera; ``owner`` (M,) is the number of the changed box that each is
+    beside."""
 
     points: FloatArray
+    owner: NDArray[np.int64]
     brightness: FloatArray
     full_sun: float
 
-    def level(self, points: FloatArray) -> FloatArray:
-        """Return the brightness (N,) of the ground beside points (N, 3); that of full sun where there is no ground."""
-        out = np.full(len(points), self.full_sun)
-        for part in np.array_split(np.arange(len(points)), len(points) // 4096 + 1) if len(self.points) else ():
-            apart = np.linalg.norm(points[part, None, :2] - self.points[None, :, :2], axis=-1)
-            out[part] = np.median(self.brightness[np.argsort(apart, axis=1, kind="stable")[:, :NEAREST]], 1)
+    def level(self, points: FloatArray, owner: NDArray[np.int64]) -> FloatArray:
+        """Return the brightness (N,) of the ground beside points (N, 3), of places beside the box ``owner`` (N,) alone: another
+        that changes far away changes nothing here. NaN where there is none."""
+        out = np.full(len(points), np.nan)
+        for number in np.unique(owner[np.isin(owner, self.owner)]):
+            mine, of = np.flatnonzero(owner == number), self.owner == number
+            for part in np.array_split(mine, len(mine) // 4096 + 1):
+                apart = np.linalg.norm(points[part, None, :2] - self.points[None, of, :2], axis=-1)
+                nearest = np.argsort(apart, axis=1, kind="stable")[:, :NEAREST]
+                out[part] = np.median(self.brightness[of][nearest], 1)
         return out
 
 
@@ -91,23 +97,26 @@ class SunShadows:
     """The world without actors."""
     ring: FloatArray
     """Places (M, 3) beside what has changed, world frame, at the height of its underside."""
+    ring_owner: NDArray[np.int64]
+    """Number (M,) of the changed box that each is beside."""
     _blockers: tuple[tuple[_Blocker, ...], tuple[_Blocker, ...]]
 
     def factors(
         self, points: FloatArray, time_s: FloatArray, instance: Sequence[str], which: NDArray[np.int32],
         facing: Callable[[BoolArray], FloatArray], tracers: Mapping[str, Tracer[Any]],
-        beside: Callable[[], GroundBeside],
+        brightness: FloatArray, beside: Callable[[], GroundBeside],
     ) -> FloatArray:  # fmt: skip
         """Return the factors (N, 3) of the light of points (N, 3), world frame, at times (N,). ``which`` (N,) are their
         actors' numbers in ``instance``, plus 1, 0 for none; ``facing`` returns unit normals (M, 3) of some (N,);
-        ``tracers`` are those of the states ``edited`` and ``recorded``; ``beside`` returns the ground beside what
-        has changed."""
+        ``tracers`` are those of the states ``edited`` and ``recorded``; ``brightness`` (N,) is linear; ``beside``
+        returns the ground beside what has changed."""
         out = np.ones((len(points), 3))
         if not self.sun.casts:
             return out
         toward = self.sun.direction
         start = np.full(len(points), START_M)
         candidates, is_own = np.zeros((2, len(points)), bool)
+        owner = np.full(len(points), -1)
         own = {box.uid: box for box in self._blockers[0] if box.uid}
         for number, uid in enumerate(instance, 1):
             mine = np.flatnonzero(which == number)
@@ -117,10 +126,12 @@ class SunShadows:
             # its own shadow on itself is part of its appearance
             start[mine] = np.maximum(_span(own[uid], points[mine], toward)[1], 0) + START_M
         changed = [[b for b in group if b.changed] for group in self._blockers]
-        for box in (*changed[0], *changed[1]):
+        for number, box in enumerate((*changed[0], *changed[1])):
             reach = shadow_reach_m(self.sun, box.size_m)
             enter, leave = _span(box, points, toward)
-            candidates |= (enter <= np.minimum(leave, reach)) & (leave > start)
+            reached = (enter <= np.minimum(leave, reach)) & (leave > start)
+            owner[reached & ~candidates] = number
+            candidates |= reached
         some = np.flatnonzero(candidates)
         if not len(some):
             return out
@@ -129,10 +140,11 @@ class SunShadows:
             for group, name in zip(self._blockers, ("edited", "recorded"), strict=True)
         )
         before[is_own[some]] = 1
-        moved = now != before
+        moved, levels = now != before, np.full(len(some), np.nan)
         if moved.any():
             ring = beside()
-            darker = ring.full_sun / np.maximum(ring.level(points[some][moved]), 1e-4)
+            levels[moved] = ring.level(points[some][moved], owner[some][moved])
+            darker = ring.full_sun / np.maximum(np.nan_to_num(levels[moved], nan=ring.full_sun), 1e-4)
             sunlit = 1 - _is_darker(darker, np.full(len(darker), 1 / (1 - np.mean(self.sun.strength))), SHADE)
             now[moved], before[moved] = now[moved] * sunlit, before[moved] * sunlit
         level = np.zeros(len(points), bool)
@@ -145,19 +157,11 @@ class SunShadows:
             weight[tilted] = np.clip(facing(tilted) @ toward / toward[2], 0, MAX_FACING)
         strength = np.array(self.sun.strength)
         ratio = (strength / (1 - strength)) * weight[some, None]
-        out[some] = (1 + ratio * now[:, None]) / (1 + ratio * before[:, None])
+        factors = (1 + ratio * now[:, None]) / (1 + ratio * before[:, None])
+        lighter = factors.max(1) > 1
+        factors[lighter] = capped(factors[lighter], brightness[some][lighter], levels[lighter])
+        out[some] = factors
         return out
-
-    def capped(self, factors: FloatArray, points: FloatArray, brightness: FloatArray, ring: GroundBeside) -> FloatArray:
-        """Return factors (N, 3), each above 1 in a channel, for points (N, 3) of linear ``brightness`` (N,) so that they
-        lift what is darker than the ground beside, and make none brighter than that."""
-        if not len(ring.points):
-            return np.minimum(factors, 1)
-        limit = np.maximum(ring.level(points) / np.maximum(brightness, 1e-4), 1)
-        more = factors - 1
-        part_of_it = np.clip((limit - 1) / np.maximum(more.mean(1), 1e-6), 0, 1)
-        part_of_it *= _is_darker(limit, factors.mean(1), SHADOW)
-        return np.where(more > 0, 1 + more * part_of_it[:, None], factors)
 
     def in_recorded_sun(self, points: FloatArray, time_s: float, tracer: Tracer[Any]) -> BoolArray:
         """Return which points (N, 3) no parked actor shades, by the tracer of ``recorded``."""
@@ -254,9 +258,19 @@ def sun_shadows(
         replace(bare, actors=ordered([standing[uid] for uid in near]), static_copies=statics),
         actors,
         replace(bare, removed_boxes=state.removed_boxes),
-        _ring([b for b in (*now, *before) if b.changed], [parked[uid] for uid in near]),
+        *_ring([b for b in (*now, *before) if b.changed], [parked[uid] for uid in near]),
         (tuple([*now, *beside]), tuple([*before, *beside])),
     )
+
+
+def capped(factors: FloatArray, brightness: FloatArray, beside: FloatArray) -> FloatArray:
+    """Return factors (N, 3), each above 1 in a channel, for points of linear ``brightness`` (N,) so that they lift what is
+    darker than the ground ``beside`` (N,), and make none brighter than that; none where that is NaN."""
+    limit = np.maximum(np.nan_to_num(beside, nan=0.0) / np.maximum(brightness, 1e-4), 1)
+    more = factors - 1
+    part_of_it = np.clip((limit - 1) / np.maximum(more.mean(1), 1e-6), 0, 1)
+    part_of_it *= _is_darker(limit, factors.mean(1), SHADOW)
+    return np.where(more > 0, 1 + more * part_of_it[:, None], factors)
 
 
 def _is_darker(ratio: FloatArray, shadow: FloatArray, ends: tuple[float, float]) -> FloatArray:
@@ -273,10 +287,11 @@ def around(position: FloatArray) -> FloatArray:
     return position + np.stack([x, y, np.zeros_like(x)], -1)
 
 
-def _ring(changed: Sequence[_Blocker], parked: Sequence[Box]) -> FloatArray:
-    """Return places (M, 3) beside boxes that have changed and in none that was parked, at the height of their undersides."""
-    parts = [np.zeros((0, 3))]
-    for box in changed:
+def _ring(changed: Sequence[_Blocker], parked: Sequence[Box]) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Return places (M, 3) beside boxes that have changed and in none that was parked, at the height of their undersides,
+    and the numbers (M,) of the boxes."""
+    parts, numbers = [np.zeros((0, 3))], [np.zeros(0, np.int64)]
+    for number, box in enumerate(changed):
         for beside in RING_M:
             half = box.size_m[:2] / 2 + beside
             steps = [np.arange(-h, h, RING_SPACING_M) for h in half]
@@ -285,10 +300,12 @@ def _ring(changed: Sequence[_Blocker], parked: Sequence[Box]) -> FloatArray:
             local = np.concatenate(ends)
             low = np.full((len(local), 1), -box.size_m[2] / 2)
             parts.append(transform_points(box.poses[0], np.concatenate([local, low], 1)))
-    points = np.concatenate(parts)
+            numbers.append(np.full(len(local), number))
+    points, owner = np.concatenate(parts), np.concatenate(numbers)
     for other in parked:
-        points = points[~points_in_box(points, other.world_from_box, np.asarray(other.size_m) + BESIDE_M)]
-    return points
+        outside = ~points_in_box(points, other.world_from_box, np.asarray(other.size_m) + BESIDE_M)
+        points, owner = points[outside], owner[outside]
+    return points, owner
 
 
 def _blocker(box: Box, changed: bool) -> _Blocker:
