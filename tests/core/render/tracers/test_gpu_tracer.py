@@ -331,10 +331,13 @@ def test_images_allocate_nothing_anew_and_take_the_room_and_the_memory_that_ther
     expected = passes_of(frames.camera("front", 2, CAMERA_PASSES))
     frames.camera("front", 3, CAMERA_PASSES)
     allocated = driver.memory_in_use()
-    pinned = list[np.ndarray[Any, Any]]()  # a queued copy may be done after its memory is given back
-    monkeypatch.setattr(
-        cuda_driver.Gpu, "pinned", lambda self, shape, kind: pinned.append(np.empty(shape, kind)) or pinned[-1]
-    )
+    pinned = []  # a queued copy may be done after its memory is given back
+
+    def in_numpy(self: cuda_driver.Gpu, shape: tuple[int, ...], kind: type[Any]) -> np.ndarray[Any, Any]:
+        pinned.append(np.empty(shape, kind))
+        return pinned[-1]
+
+    monkeypatch.setattr(cuda_driver.Gpu, "pinned", in_numpy)
     driver.limit_memory(allocated)
     frames.camera("front", 3, CAMERA_PASSES)
     assert driver.memory_in_use() == allocated
