@@ -198,7 +198,7 @@ class UniSimScene(bpy.types.PropertyGroup):
     contact_shadows: BoolProperty(name="Contact shadows", description="Soft shadows under copied and inserted actors")
     fill_ground: BoolProperty(
         name="Fill Ground",
-        description="Ground that nobody saw has the texture of the street around it. It is computed once for a trained scene",
+        description="Ground that nobody saw has the texture of the street around it, computed once for a trained scene",
     )
     show_ways: BoolProperty(
         name="Trajectories",

@@ -178,10 +178,10 @@ class PandasetLog(FileLog):
     def sun(self) -> SunPosition | None:
         """Where the sun stood at the middle frame; None without positions on the Earth for every frame, or for a log that
         another program wrote: its times may begin anywhere."""
-        path, times = self.path / "meta" / "gps.json", self._read_times(self.path / "lidar")
+        path = self.path / "meta" / "gps.json"
         if not self._is_pandasets_own or not path.is_file():
             return None
-        records = read_json(path)
+        records, times = read_json(path), self._read_times(self.path / "lidar")
         try:
             degrees = np.array([(record["lat"], record["long"]) for record in records], np.float64)
         except (TypeError, KeyError, ValueError):
