@@ -147,7 +147,7 @@ class UniSimEngine(bpy.types.RenderEngine):
             clip=clip,
             quality=scene.unisim.quality,
             shadows=scene.unisim.contact_shadows,
-            fill="texture" if scene.unisim.fill_ground else "none",
+            fill=scene.unisim.fill,
             device=device(),
             rows=[height - top, height - bottom],
             columns=[left, right],

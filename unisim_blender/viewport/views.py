@@ -236,7 +236,7 @@ class ViewportImage:
         passes = ["rgb", "unsupported"] if clip or options.unsupported else ["rgb"]
         passes += ["confidence"] if options.confidence else []
         set_up = {"quality": scene.unisim.quality, "shadows": scene.unisim.contact_shadows, "device": device()}
-        set_up["fill"] = "texture" if scene.unisim.fill_ground else "none"
+        set_up["fill"] = scene.unisim.fill
         return {**asked.values, **set_up, "clip": clip, "passes": passes}
 
     def _with_passes(self, values: dict[str, Any]) -> dict[str, Any]:

@@ -20,7 +20,6 @@ from unisim_blender.core.render.ground_fill import UNSURE_TEXELS, GroundFill, fi
 from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.traced_ground import ground_fill, trace_ground
-from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.world.drive import Drive
 
@@ -68,13 +67,6 @@ def test_what_was_seen_is_not_filled_and_nothing_far_from_it() -> None:
     share = share_of(seen, seen, 0.1)[:, 4, 0]
     assert not share[: 19 + UNSURE_TEXELS].any() and (share[25:55] == 1).all() and not share[62:].any()
     assert (np.diff(share[:40]) >= 0).all()
-
-
-@pytest.fixture(scope="module")
-def backend() -> CompiledBackend:
-    if native.library() is None:
-        pytest.skip("the compiled kernels were not built")
-    return CompiledBackend(CompiledScene(SAMPLE))
 
 
 @pytest.fixture(scope="module")

@@ -30,7 +30,6 @@ from unisim_blender.core.render.observed_space import (
 )
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracer import NEAR_M
-from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.rays import Rays
@@ -38,13 +37,6 @@ from unisim_blender.core.world.drive import Camera, CameraModel, Drive
 
 SAMPLE = Path(__file__).parents[3] / "sample" / "scene"
 FRAME = 9
-
-
-@pytest.fixture(scope="module")
-def backend() -> CompiledBackend:
-    if native.library() is None:
-        pytest.skip("the compiled kernels were not built")
-    return CompiledBackend(CompiledScene(SAMPLE))
 
 
 @pytest.fixture(scope="module")

@@ -32,8 +32,6 @@ COLOUR_PART = 0.8
 """Largest part of a colour that is replaced: the mean of two guesses is better than either."""
 ALONG = 5
 """How often the map is halved along the drive, before it is halved in both directions."""
-HEIGHT_M = 0.15
-"""Height above the ground, metres, up to which a surface is ground."""
 
 
 @dataclass(frozen=True)

@@ -353,5 +353,14 @@ def cache_file(header: SceneHeader, kind: str, *settings: int | str) -> Path:
     return cache_folder() / kind / f"{hashlib.sha256(identity.encode()).hexdigest()}.npz"
 
 
+def cached_arrays(header: SceneHeader, kind: str, *settings: int | str) -> tuple[Path | None, dict[str, NDArray[Any]]]:
+    """Return the `cache_file` of a scene, None for one that is not on disk, and its arrays, none of a missing or broken file."""
+    file, arrays = None, {}
+    with suppress(OSError, OutputError):
+        file = cache_file(header, kind, *settings)
+        arrays = read_arrays(file, OutputError)
+    return file, arrays
+
+
 def _file(header: SceneHeader) -> Path:
     return cache_file(header, "observed", IMAGE_COLUMNS, SWEEP_BEAMS, MAX_FRAMES_PER_SENSOR)

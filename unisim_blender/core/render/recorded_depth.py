@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import OutputError
-from ..files import read_arrays
 from ..model.scene_file import SceneHeader
 from ..sensors.camera import camera_rays, pixel_grid
 from ..sensors.frames import RenderStats
@@ -19,7 +15,7 @@ from ..sensors.rays import Rays, exposure_window
 from ..world.drive import Camera, Lidar
 from ..world.replay import DriveStates
 from .confidence import FAR_M, UNMEASURED, DepthView, RecordedDepth, around
-from .observed_space import cache_file, store_in_cache
+from .observed_space import cached_arrays, store_in_cache
 from .quality import QUALITIES
 from .tracer import Array, Backend
 
@@ -33,14 +29,9 @@ def trace_recorded(backend: Backend, header: SceneHeader) -> Iterator[float | Re
     """Trace the images and sweeps that a scene was trained on: yield the fractions of work done, and last the result, which is
     cached among the user's files."""
     captures = list(shots(header))
-    file = None
-    with suppress(OSError):  # a scene that is not on disk has no cache
-        file = cache_file(header, "depth", VIEWS_PER_SENSOR, IMAGE_COLUMNS, SWEEP_COLUMNS, SWEEP_ROWS)
+    file, stored = cached_arrays(header, "depth", VIEWS_PER_SENSOR, IMAGE_COLUMNS, SWEEP_COLUMNS, SWEEP_ROWS)
     states, views = DriveStates(header.drive, backend.parked), []
     rows = {uid: row for row, uid in enumerate(sorted(header.drive.actors), 1)}
-    stored: dict[str, NDArray[Any]] = {}
-    with suppress(OutputError):
-        stored = {} if file is None else read_arrays(file, OutputError)
     for number, (sensor, time_s) in enumerate(captures):
         yield number / len(captures)
         view, rays = _empty_view(sensor, time_s)

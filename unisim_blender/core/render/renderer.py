@@ -43,7 +43,7 @@ from ..world.drive import Actor, Camera, Lidar
 from ..world.replay import WorldState
 from .confidence import RecordedDepth, ViewEvidence, probability
 from .contact_shadow import SHADOW_CUTOFF_M, dimmed, displaced, faded, shaded
-from .ground_fill import HEIGHT_M, GroundFill
+from .ground_fill import GroundFill
 from .lattice import NEAR_BOXES, Region, SparseImage, Tile, aligned, fill_passes, progressive_strides
 from .quality import QUALITIES, Quality
 from .sun_shadow import FULL_SUN, GroundBeside, SunShadows, around, sun_shadows
@@ -713,10 +713,11 @@ class Renderer:
         are of no actor."""
         up, flat = exposure.tracer.upsample, points.reshape(-1, 3)
         some = np.flatnonzero(ground)
-        some = some[fill.of_image(flat[some], np.ones(len(some), bool))[1][:, 0] > 0]
-        some = some[np.abs(exposure.tracer.heights(flat[some])) < HEIGHT_M]
+        colours, share = fill.of_image(flat[some], np.ones(len(some), bool))
+        there = np.flatnonzero(share[:, 0] > 0)
+        there = there[np.abs(exposure.tracer.heights(flat[some[there]])) < wet_ground.GROUND_M]
+        some, colours, share = some[there], colours[there], share[there]
         below = np.ones(len(some), bool)
-        colours, share = fill.of_image(flat[some], below)
         recorded = [a for a in exposure.state.actors if not a.inserted and a.visible_to(exposure.camera)]
         colours = shaded(colours[None], flat[some][None], below[None], recorded, exposure.time_s)[0]
         colours = self._bound.exposed(colours, exposure.camera.sensor_id, exposure.time_s)
@@ -898,7 +899,8 @@ class Renderer:
         if self.fill is None:
             return intensity
         points = rays.origins + rays.directions * depth[:, None]
-        ground = (instance.reshape(-1) == 0) & (depth > 0) & (np.abs(self.tracer(state).heights(points)) < HEIGHT_M)
+        low = np.abs(self.tracer(state).heights(points)) < wet_ground.GROUND_M
+        ground = (instance.reshape(-1) == 0) & (depth > 0) & low
         filled, share = self.fill.of_beams(points, ground)
         return np.where(share[:, 0] > 0, intensity + share[:, 0] * (filled[:, 0] - intensity), intensity)
 

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 
 import numpy as np
 
 from .. import native
-from ..errors import OutputError
-from ..files import read_arrays
 from ..geometry import FloatArray, invert_pose, transform_points
 from ..model.scene_file import SceneHeader
 from ..sensors.frames import RenderStats
@@ -28,7 +25,7 @@ from .ground_fill import (
     filled,
     share_of,
 )
-from .observed_space import Observing, cache_file, store_in_cache
+from .observed_space import Observing, cached_arrays, store_in_cache
 from .quality import QUALITIES
 from .recorded_depth import shots, trace_recorded
 from .tracer import Array
@@ -39,11 +36,7 @@ def trace_ground(backend: Observing) -> Iterator[float | GroundFill]:
     the result, which is cached among the user's files."""
     header = backend.observed[0]
     grid_from_world, shape, texel_m = _grid(header)
-    file, arrays = None, {}
-    with suppress(OSError):  # a scene that is not on disk has no cache
-        file = cache_file(header, "ground", FILL_VERSION, type(backend).__name__, native.variant())
-    with suppress(OutputError):
-        arrays = {} if file is None else read_arrays(file, OutputError)
+    file, arrays = cached_arrays(header, "ground", FILL_VERSION, type(backend).__name__, native.variant())
     if {name: values.shape for name, values in arrays.items()} != {
         "colours": (*shape, 3), "colour_share": (*shape, 1), "intensity": (*shape, 1), "intensity_share": (*shape, 1),
     }:  # fmt: skip

@@ -252,6 +252,11 @@ class UniSimScene(bpy.types.PropertyGroup):
         default=set(FRAME_FORMATS),
     )
 
+    @property
+    def fill(self) -> str:
+        """What is shown where nobody saw the ground, of `sensors.frames.FILLS`."""
+        return "texture" if self.fill_ground else "none"
+
 
 PROPERTIES = (
     (bpy.types.Object, "unisim", PointerProperty(type=UniSimObject)),

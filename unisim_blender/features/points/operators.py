@@ -95,7 +95,7 @@ def ask_sweeps(scene: bpy.types.Scene) -> None:
         if (recorded is not None and not recorded.model.beams) or not lidar.there.any():
             continue  # the log's plain points, or hidden for renders
         settings = {"quality": scene.unisim.quality, "device": device()}
-        settings["fill"] = "texture" if scene.unisim.fill_ground else "none"
+        settings["fill"] = scene.unisim.fill
         ask = partial(lidar_request, lidar=lidar, source=source, frame=frame_of(scene))
         values, left_out = without_unreadable(ask, sampled, source.drive)
         values |= {**settings, "warnings": [*values["warnings"], *map(localized, left_out)]}
