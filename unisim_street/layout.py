@@ -16,6 +16,7 @@ from unisim_blender.core.world.drive import Actor, Appearance
 from .assets import furniture
 from .assets.buildings import front_pose, house
 from .assets.cars import PAINTS, STYLES, car
+from .assets.lamps import TRAFFIC_LIGHT_SIZE_M, traffic_light, with_rear_lamps
 from .assets.people import CYCLIST_SIZE_M, PERSON_SIZE_M, cyclist, person
 from .assets.road import (
     HALF_ROAD_WIDTH_M,
@@ -26,6 +27,7 @@ from .assets.road import (
     Course,
     RoadPlan,
 )
+from .paint.materials import Plain
 from .tracing.trace import Asset, AssetPart
 
 SPEED_M_S = 8.0
@@ -79,6 +81,7 @@ def lay_out(
     kind: StreetKind = "straight",
     people: int = 0,
     thin: bool = False,
+    lamps: bool = False,
 ) -> Layout:
     """The layout of a seed, long enough for a drive of that many frames.
 
@@ -113,12 +116,14 @@ def lay_out(
     _add_cars(rng, plan, travel, work_x, times, speed_m_s, leaves, kind == "crossing", assets, actors)
     _add_cones(rng, course, work_x, times, assets, actors)
     _add_people(np.random.default_rng([seed, 20241103]), course, people, travel, times, assets, actors)
-    lamps = [
+    if lamps:
+        parts += _add_lamps(course, travel, times, assets, actors)
+    hung = [
         course.pose(x) @ [*furniture.lamp_tip(_kerb(x, side), -side), 1.0] for x, side in _lamp_posts(plan, travel)
     ]
     thin_parts = _thin_things(plan, travel) if thin else []
     static = Asset("static", (*parts, *thin_parts))
-    return Layout(plan, static, len(thin_parts), assets, actors, np.stack(lamps)[:, :3])
+    return Layout(plan, static, len(thin_parts), assets, actors, np.stack(hung)[:, :3])
 
 
 def _kerb(x: float, side: float) -> FloatArray:
@@ -359,6 +364,21 @@ def _add_people(
         yaw = np.arctan2(way * 0.05 * np.cos(path), way)
         keys[:, 0], keys[:, 1], yaw = course.place(keys[:, 0], keys[:, 1], yaw)
         actors[uid] = _actor(uid, label, size.copy(), Trajectory(times, keys, quaternion_from_yaw(yaw)), True, times)
+
+
+def _add_lamps(
+    course: Course, travel: float, times: FloatArray, assets: dict[str, Asset], actors: dict[str, Actor]
+) -> list[AssetPart]:
+    """A traffic light that turns from red to green, at the kerb ahead, and its post; the first car brakes, and indicates
+    left."""
+    end, x, y, z = float(times[-1]), 0.8 * travel + 14.0, -HALF_ROAD_WIDTH_M - 0.3, 2.6
+    at, foot = np.array([[x, y, z]]), np.array([x + 0.22, y, KERB_HEIGHT_M])
+    at[:, 0], at[:, 1], yaw = course.place(at[:, 0], at[:, 1], np.array([np.pi]))
+    assets["traffic-light"] = traffic_light("traffic-light", 0.45 * end)
+    keys = Trajectory(times[:1], at, quaternion_from_yaw(yaw))
+    actors["traffic-light"] = _actor("traffic-light", "Signs", TRAFFIC_LIGHT_SIZE_M.copy(), keys, False, times)
+    assets["car-01"] = with_rear_lamps(assets["car-01"], STYLES["sedan"], (0.3 * end, 0.7 * end), end)
+    return course.stood([furniture.strut(Plain("#3c4240"), foot, foot + [0.0, 0.0, z + 0.3], 0.05, 0.05)], x)
 
 
 def _turning_cars(

@@ -81,7 +81,8 @@ class Recipe:
 
     engine: who draws its images, one of `ENGINES`; paths: how many paths a pixel Cycles traces. lens: its cameras', one of
     `STREET_LENSES`. speed_m_s: the drive's; turns_deg: bends of the street, to the left where positive, see `Course`.
-    kind: one of `KINDS`. thin: whether it has wires, masts, railings and fences.
+    kind: one of `KINDS`. thin: whether it has wires, masts, railings and fences. lamps: whether a traffic light changes, and the
+    car ahead brakes and indicates.
     """
 
     seed: int = 0
@@ -98,6 +99,7 @@ class Recipe:
     kind: StreetKind = "straight"
     people: int = 0
     thin: bool = False
+    lamps: bool = False
 
     def __post_init__(self) -> None:
         wholes = (
@@ -134,8 +136,11 @@ class Recipe:
             raise LogError("a curve is drawn by the exact engine alone")
         if self.engine != "exact" and (turns or speed != SPEED_M_S):
             raise LogError("a street with turns or another speed is drawn by the exact engine alone")
-        if not isinstance(self.thin, bool):
-            raise LogError(f"a street's thin is true or false, not {short(self.thin)}")
+        for name in ("thin", "lamps"):
+            if not isinstance(getattr(self, name), bool):
+                raise LogError(f"a street's {name} is true or false, not {short(getattr(self, name))}")
+        if self.engine != "exact" and self.lamps:
+            raise LogError("a street with lamps is drawn by the exact engine alone")
         if self.engine not in ENGINES:
             raise LogError(f"a street's engine is {' or '.join(ENGINES)}, not {short(self.engine)}")
         if not isinstance(self.lens, str) or self.lens not in STREET_LENSES:
@@ -196,6 +201,7 @@ def build_street(
     kind: StreetKind = "straight",
     people: int = 0,
     thin: bool = False,
+    lamps: bool = False,
 ) -> Street:
     """The street of a recipe, and its recorded drive; the same arguments give the same street, to the bit."""
     turns = tuple(turns_deg)
@@ -214,8 +220,9 @@ def build_street(
         kind,
         people,
         thin,
+        lamps,
     )
-    layout = lay_out(seed, frames, speed_m_s, recipe.turns_deg, not recipe.is_usual, kind, people, thin)
+    layout = lay_out(seed, frames, speed_m_s, recipe.turns_deg, not recipe.is_usual, kind, people, thin, lamps)
     course = layout.plan.course
     times = FRAME_S * np.arange(frames)
     time_s = {frame: float(times[frame]) for frame in range(frames)}
@@ -281,6 +288,7 @@ def recipe_document(recipe: Recipe) -> dict[str, Any]:
         ("kind", KINDS[0]),
         ("people", 0),
         ("thin", False),
+        ("lamps", False),
     ):
         if document[name] == usual:
             del document[name]  # as programs from before these were there read and wrote it

@@ -22,6 +22,7 @@ from unisim_blender.core.sensors.unprojection import image_mask
 from unisim_blender.core.world.drive import Actor, Box, Camera, Drive, StaticCopy
 from unisim_blender.core.world.replay import WorldState, with_windows
 
+from .assets.lamps import with_lamps
 from .paint.light import (
     DAY,
     LAMP_COLOUR,
@@ -202,6 +203,7 @@ def _radiance(world: StreetWorld, view: TracedView, samples: int) -> FloatArray:
     out[seen.rays] = shade(
         seen.albedo, seen.gloss, seen.soft_normals, directions[seen.rays], sunlit, ambient, lamps, world.light
     )
+    out[seen.rays] += seen.emitted
     return out
 
 
@@ -416,7 +418,8 @@ def _placed(
         motion = actor.world_from_actor.transformed(left=street_from_world)
         scale = np.array(actor.scale) if actor.is_scaled else None
         window = actor.start_s, actor.end_s
-        placements.append(AssetPlacement(actor.uid, asset_of(street, actor), motion, window, scale=scale))
+        asset = with_lamps(asset_of(street, actor), actor.lamps)
+        placements.append(AssetPlacement(actor.uid, asset, motion, window, scale=scale))
     uids = tuple(actor.uid for actor in actors)
     owners = [0] * (len(placements) - len(uids)) + list(range(1, len(uids) + 1))
     for number in range(len(placements) - len(uids), len(placements)):

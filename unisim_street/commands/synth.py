@@ -33,6 +33,7 @@ KINDS = ("straight", "night", "curve", "crossing")
     help="Bends of the street, evenly along the drive, separated by commas: to the left, negative ones to the right.",
 )
 @click.option("--thin", is_flag=True, help="Add wires, masts, railings and fences.")
+@click.option("--lamps", is_flag=True, help="Add a traffic light that changes; the car ahead brakes and indicates.")
 @click.option("--kind", type=click.Choice(KINDS), default="straight", show_default=True, help="Of street.")
 @click.option("--people", default=0, show_default=True, help="Who walks along the street; the second rides a bicycle.")
 @click.option("--engine", type=click.Choice(ENGINES), default="exact", show_default=True, help="Who draws the images.")
@@ -63,6 +64,7 @@ def command(
     speed: float,
     turns: str,
     thin: bool,
+    lamps: bool,
     kind: StreetKind,
     people: int,
     engine: str,
@@ -95,7 +97,7 @@ def command(
     except ValueError as error:
         raise click.UsageError(f"--turns {turns}: are degrees, separated by commas") from error
     street = build_street(
-        seed, frames, width, height, names, range_noise, engine, paths, lens, speed, bends, kind, people, thin
+        seed, frames, width, height, names, range_noise, engine, paths, lens, speed, bends, kind, people, thin, lamps
     )
     write_log(street, out, jobs or os.cpu_count() or 1, progress=not quiet)
     if edits:

@@ -9,7 +9,7 @@ sees head-on alone.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -132,6 +132,7 @@ class SurfacePoints:
     in the part's.
 
     footprint (N,): metres that a sample covers across the ray; along the surface it is stretched by 1 / cosine (N,).
+    time_s (N,): when they are seen; None at the drive's start.
     """
 
     part: FloatArray
@@ -139,6 +140,7 @@ class SurfacePoints:
     normal: FloatArray
     footprint: FloatArray
     cosine: FloatArray
+    time_s: FloatArray | None = None
 
     @property
     def spread(self) -> FloatArray:
@@ -148,12 +150,13 @@ class SurfacePoints:
 
 @dataclass(frozen=True)
 class SurfaceMaterial:
-    """albedo (N, 3) linear; gloss, glass, reflectivity (N,) in 0..1."""
+    """albedo (N, 3) linear; gloss, glass, reflectivity (N,) in 0..1; emitted (N, 3) linear light, None for none."""
 
     albedo: FloatArray
     gloss: FloatArray
     glass: FloatArray
     reflectivity: FloatArray
+    emitted: FloatArray | None = None
 
 
 def surface(
@@ -216,6 +219,23 @@ class Plain(Material):
         x, y, z = p.asset.T
         tone = noises()["blotch"](x * 3 + 1.7 * z, y * 3 + 2.3 * z, p.spread * 3)
         return surface(linear(self.color) * (1 + self.mottle * tone)[:, None], self.gloss)
+
+
+@dataclass(frozen=True)
+class Bulb(Material):
+    """A lamp behind a lens of a colour. From ``times_s`` (K) on it is ``lit`` (K), as the first before."""
+
+    name: str
+    lens: str
+    light: tuple[float, float, float]
+    times_s: tuple[float, ...] = (0.0,)
+    lit: tuple[bool, ...] = (False,)
+
+    def __call__(self, p: SurfacePoints) -> SurfaceMaterial:
+        time_s = np.zeros(len(p.part)) if p.time_s is None else p.time_s
+        row = np.maximum(np.searchsorted(self.times_s, time_s, "right") - 1, 0)
+        unlit = surface(np.tile(linear(self.lens), (len(p.part), 1)), 0.03)
+        return replace(unlit, emitted=np.array(self.lit)[row, None] * np.array(self.light))
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ class Surfaces:
     """Surface points that N rays hit, in the order of the flat rays ``rays`` (N,).
 
     points, normals, soft_normals (N, 3) world; local (N, 3) in the asset's own frame, which moves with an actor and
-    stays with what was copied; albedo (N, 3); gloss, glass, reflectivity, cosine (N,); placement, part (N,) numbers.
+    stays with what was copied; albedo, emitted (N, 3); gloss, glass, reflectivity, cosine (N,); placement, part (N,) numbers.
     """
 
     rays: NDArray[np.int64]
@@ -27,6 +27,7 @@ class Surfaces:
     soft_normals: FloatArray
     local: FloatArray
     albedo: FloatArray
+    emitted: FloatArray
     gloss: FloatArray
     glass: FloatArray
     reflectivity: FloatArray
@@ -53,7 +54,7 @@ def look_up(
     rays, placement, part = rays[order], placement[order], part[order]
     o, d, t = origins[rays], directions[rays], t[rays]
     n = len(rays)
-    normals, soft, local, albedo = (np.zeros((n, 3)) for _ in range(4))
+    normals, soft, local, albedo, emitted = (np.zeros((n, 3)) for _ in range(5))
     gloss, glass, reflectivity, cosine = (np.zeros(n) for _ in range(4))
     key = placement.astype(np.int32) * 32768 + part
     starts = np.flatnonzero(np.diff(key, prepend=-1))
@@ -68,7 +69,10 @@ def look_up(
         normal, rounded = solid.shape.faced(in_part, pd)
         cosine[some] = np.abs((pd * normal).sum(-1))
         if painted:
-            paint = solid.material(SurfacePoints(in_part, in_asset, normal, along * footprint_rad, cosine[some]))
+            footprint, seen_s = along * footprint_rad, time_s[rays[some]]
+            paint = solid.material(SurfacePoints(in_part, in_asset, normal, footprint, cosine[some], seen_s))
+            if paint.emitted is not None:
+                emitted[some] = paint.emitted
             albedo[some], gloss[some], glass[some], reflectivity[some] = (
                 paint.albedo,
                 paint.gloss,
@@ -85,7 +89,8 @@ def look_up(
             cosine[some] = np.abs((d[some] * normal).sum(-1))
         normals[some], soft[some], local[some] = normal, rounded, in_asset
     return Surfaces(
-        rays, o + t[:, None] * d, normals, soft, local, albedo, gloss, glass, reflectivity, cosine, placement, part
+        rays, o + t[:, None] * d, normals, soft, local, albedo, emitted, gloss, glass, reflectivity, cosine, placement,
+        part,
     )
 
 

@@ -33,7 +33,7 @@ from .visibility import (
 )
 
 ItemT = TypeVar("ItemT")
-APPEARANCE_MEMBERS = ("label", "appearance", "is_moving", "inserted", "is_ego_body", "scale")
+APPEARANCE_MEMBERS = ("label", "appearance", "is_moving", "inserted", "is_ego_body", "scale", "lamps")
 """Members of an actor that define its look, beside its size."""
 MESH_MARGIN_PX = 2
 """Margin in pixels around meshes, which are traced by several rays about a pixel's middle."""

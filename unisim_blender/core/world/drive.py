@@ -22,6 +22,7 @@ from ..errors import LogError
 from ..geometry import BoolArray, FloatArray, Trajectory
 from ..lenses import PINHOLE, lens_from_dict
 from ..lenses.lens import Lens, LensError
+from .lamps import ActorLamp
 from .light import SunKeys
 from .weather import WeatherKeys
 
@@ -334,6 +335,8 @@ class Actor:
     is_ego_body: bool = False
     scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """Size of the actor relative to its appearance, along its own axes; ``size_m`` is the scaled size."""
+    lamps: tuple[ActorLamp, ...] = ()
+    """Lamps that an edit switches, in the states that they show; others look as the scene has them."""
 
     @property
     def appearance_size_m(self) -> FloatArray:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import hashlib
 import math
 from dataclasses import fields
 from typing import Any
@@ -249,6 +250,7 @@ def _actor_to_json(actor: Actor) -> dict[str, Any]:
         "inserted": bool(actor.inserted),
         **({"scale": list(actor.scale)} if actor.is_scaled else {}),
         **({"is_ego_body": True} if actor.is_ego_body else {}),
+        **({"lamps": [hashlib.sha256(lamp.content).hexdigest() for lamp in actor.lamps]} if actor.lamps else {}),
     }
 
 

@@ -82,6 +82,8 @@ class WorldState:
             yield actor.world_from_actor.content()
             if motion_of(actor.label) == "deforming" or (self.weather is not None and self.weather.wet):
                 yield np.float64(round(actor.world_from_actor.start_walked_m, 6)).tobytes()
+            for lamp in actor.lamps:
+                yield lamp.content
         for copy in self.static_copies:
             yield copy.content()
         for box in self.removed_boxes:
@@ -183,6 +185,7 @@ class DriveStates:
                 world_from_actor=self._actors[i].world_from_actor.between(start_s, end_s),
                 start_s=starts[i],
                 end_s=ends[i],
+                lamps=tuple(lamp.at(middle_s) for lamp in self._actors[i].lamps),
             )
             for i in active
         )
