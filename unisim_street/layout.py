@@ -118,9 +118,7 @@ def lay_out(
     _add_people(np.random.default_rng([seed, 20241103]), course, people, travel, times, assets, actors)
     if lamps:
         parts += _add_lamps(course, travel, times, assets, actors)
-    hung = [
-        course.pose(x) @ [*furniture.lamp_tip(_kerb(x, side), -side), 1.0] for x, side in _lamp_posts(plan, travel)
-    ]
+    hung = [course.pose(x) @ [*furniture.lamp_tip(_kerb(x, side), -side), 1.0] for x, side in _lamp_posts(plan, travel)]
     thin_parts = _thin_things(plan, travel) if thin else []
     static = Asset("static", (*parts, *thin_parts))
     return Layout(plan, static, len(thin_parts), assets, actors, np.stack(hung)[:, :3])

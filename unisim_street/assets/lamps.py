@@ -39,7 +39,7 @@ def traffic_light(name: str, green_from_s: float) -> Asset:
 
 
 def with_rear_lamps(asset: Asset, style: Style, braking_s: tuple[float, float], end_s: float) -> Asset:
-    """Return a car whose brake lamps are lit from ``braking_s[0]`` to ``[1]``, and whose left indicator blinks until ``end_s``."""
+    """Return a car with brake lamps that are lit between two times, and an indicator that blinks until ``end_s``."""
     brake = Bulb("red", "#7a1416", RED, (0.0, *braking_s), (False, True, False))
     blinks = np.arange(-1.0, end_s + 1.0, BLINK_S / 2)
     amber = Bulb("amber left", "#8a5a20", AMBER, tuple(blinks.tolist()), tuple(i % 2 == 0 for i in range(len(blinks))))

@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..colour import linear_from_srgb
-from ..data.log import Log
+from ..data.log import Log, cached_file
 from ..errors import LogError, UnisimError
 from ..files import write_cached
 from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
 from ..json_file import Node, read_json
-from ..poses.posed import cached_file
 from ..sensors.camera import line_times, lines
 from ..world.classes import motion_of
 from ..world.drive import Actor, Camera
@@ -52,7 +51,7 @@ LEAST_SOLID = 0.3
 MOST_OF_REST = 0.4
 """Change of the face's rest (90 % of it) beside the lamp's: where all changes, it is light, or the box is not where it was."""
 LEAST_STEADY = 5.0
-"""Difference of a lamp's two colours beside how much each varies from image to image: what is behind a box's corner varies more."""
+"""Difference of a lamp's two colours beside how much each varies between images: what is behind a box's corner varies more."""
 LEAST_LIT, LEAST_MORE, LEAST_COLOURED = 0.5, 1.4, 0.06
 """Of a lit lamp's texel: sRGB of its brighter channel, how many times the light of an unlit one it gives, and how much more
 coloured its sRGB is."""
@@ -189,7 +188,9 @@ def lamps_of_faces(
     low, high, spread = _two_levels(levels)
     candidates = np.flatnonzero((high - low > LEAST_CONTRAST) & (high - low > LEAST_GAP * spread))
     with np.errstate(invalid="ignore"):
-        states = np.where(np.isnan(levels[:, candidates]), np.nan, levels[:, candidates] > ((low + high) / 2)[candidates])
+        states = np.where(
+            np.isnan(levels[:, candidates]), np.nan, levels[:, candidates] > ((low + high) / 2)[candidates]
+        )
     size = np.array([px_per_m[image] for image in images])
     lamps = []
     while len(candidates):

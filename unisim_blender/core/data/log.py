@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files import content_digests
+from ..files import cache_folder, content_digests, file_stamp
 from ..geometry import FloatArray
 from ..json_file import json_bytes
 from ..memo import memoized
@@ -215,6 +215,15 @@ def log_digest(log: Log) -> str:
             sweep = log.sweep(name, frame)
             digest.update(f"{name} {frame}".encode() + sweep.points.tobytes() + sweep.intensity.tobytes())
     return digest.hexdigest()
+
+
+def cached_file(log: Log, folder: str, name: str) -> Path:
+    """Return the file ``name`` of a log in a folder of the cache: its own by the log's poses, boxes and files' stamps."""
+    files = extras_of(log).files or (sorted(log.path.rglob("*")) if log.path.is_dir() else [log.path])
+    digest = hashlib.sha256(json_bytes(drive_to_json(log.drive)))
+    for file in files if log.path.exists() else ():
+        digest.update(f"{file}{file_stamp(file)}".encode())
+    return cache_folder() / folder / f"{digest.hexdigest()[:32]}-{name}"
 
 
 @memoized

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import numpy as np
 
-from ..data.log import REFINED, Log, extras_of
+from ..data.log import REFINED, Log, cached_file
 from ..data.moved import Choice, on_trajectory
 from ..errors import LogError
-from ..files import cache_folder, file_stamp, write_cached
+from ..files import write_cached
 from ..geometry import Trajectory, invert_pose
-from ..json_file import Node, json_bytes, read_json
-from ..world.drive_json import drive_to_json
+from ..json_file import Node, read_json
 from .agreement import LagAgreement, agreement
 from .refine import Refined, corrected, refine
 from .sweeps import planes_of, reference_lidar, standing
@@ -206,12 +203,3 @@ def _from_json(node: Node) -> Refined:
     times = node.key("times_s").array(-1)
     keys = Trajectory(times, node.key("shift_m").array(len(times), 3), node.key("turn_wxyz").array(len(times), 4))
     return Refined(keys, node.key("std_m").array(len(times)), node.key("std_rad").array(len(times)))
-
-
-def cached_file(log: Log, folder: str, name: str) -> Path:
-    """Return the file ``name`` of a log in a folder of the cache: its own by the log's poses, boxes and files' stamps."""
-    files = extras_of(log).files or (sorted(log.path.rglob("*")) if log.path.is_dir() else [log.path])
-    digest = hashlib.sha256(json_bytes(drive_to_json(log.drive)))
-    for file in files if log.path.exists() else ():
-        digest.update(f"{file}{file_stamp(file)}".encode())
-    return cache_folder() / folder / f"{digest.hexdigest()[:32]}-{name}"

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ..actor_images.lamps import lamps_in
 from ..data.log import Log
 from ..errors import LogError, ScenarioError, SceneError, UnisimError
 from ..formats.boxes import with_boxes
@@ -21,6 +22,7 @@ from ..scenario import FORMAT, apply_scenario, at_url, load_scenario, scenario_f
 from ..scenario.types import Scenario, StreetLog
 from ..scenes.scene import OpenScenes, Scene
 from ..world.drive import Drive
+from ..world.lamps import ActorLamp
 from .replay import aligned_log, replayed_drive
 
 
@@ -66,8 +68,13 @@ def prepare_scenario(
             )
         scenario = replace(scenario, log=str(with_boxes(scenario.log_path, boxes).resolve()))
     recorded, log_path = _recorded(scenario, own if refined else None)
-    edited = apply_scenario(scenario, recorded, scenes.actors)
+    edited = apply_scenario(scenario, recorded, scenes.actors, lambda: lamps_at(log_path, own if refined else None))
     return PreparedScenario(scenario, recorded, edited, own, log_path, scenes)
+
+
+def lamps_at(log_path: Path, scene: Scene | None) -> Mapping[str, tuple[ActorLamp, ...]]:
+    """Return the lamps that the images of the log at a path show in two states, in the world of its scene. Raises `LogError`."""
+    return lamps_in(open_log(log_path) if scene is None else log_of_scene(scene, log_path))
 
 
 def scenario_at(path: Path | str, scenes: OpenScenes | None = None) -> Scenario:

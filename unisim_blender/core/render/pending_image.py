@@ -43,6 +43,8 @@ class PendingImage:
     """Actors with contact shadows under them."""
     displaced: dict[int, Actor] = field(default_factory=dict)
     """Actors whose ground fades, by instance."""
+    lit: dict[int, Actor] = field(default_factory=dict)
+    """Actors whose lamps edits switch, by instance."""
     shadows: SunShadows | None = None
     """Shadows that edits have moved, where the sun is known."""
     beside: GroundBeside | None = None
@@ -77,7 +79,7 @@ class PendingImage:
     @property
     def is_drawn_on(self) -> bool:
         """Whether the image is changed by what its rays hit."""
-        return self.is_shaded or self.fill is not None
+        return self.is_shaded or self.fill is not None or bool(self.lit)
 
 
 class Binding:

@@ -38,6 +38,7 @@ from ..world.replay import WorldState
 from .confidence import RecordedDepth, ViewEvidence, probability
 from .contact_shadow import SHADOW_CUTOFF_M, dimmed, displaced, faded
 from .frame_fill import filled_image, filled_intensity
+from .frame_lamps import with_lamps
 from .frame_shadows import FrameShadows
 from .frame_weather import FrameWeather, put_in_weather, sweep_in_weather
 from .ground_fill import GroundFill
@@ -201,6 +202,7 @@ class Renderer:
             and _alone(tracer)
             and not tracer.active.mesh_actors.seen_by(camera).actors
             and not self._shadowing(state, camera)
+            and not self._lit(state)
         )
 
     def pixels(
@@ -225,11 +227,14 @@ class Renderer:
             for actor in displaced(state, recorded)
             if actor.uid in tracer.active.uids
         }
-        drawn_on = bool(shadowing or moved or shadows or self.fill is not None)
+        lit = {tracer.active.uids.index(actor.uid) + 1: actor for actor in self._lit(state)}
+        drawn_on = bool(shadowing or moved or shadows or lit or self.fill is not None)
         needed = _needed(self._with_evidence(passes), drawn_on)
         needed |= WEATHER_MAPS if state.weather is not None else set()
         undeciding = needed - _needed(set(passes) - {"confidence"}, False)
-        pending = PendingImage(tracer, state, camera, time_s, passes, needed, undeciding, shadowing, moved, shadows)
+        pending = PendingImage(
+            tracer, state, camera, time_s, passes, needed, undeciding, shadowing, moved, lit, shadows
+        )  # fmt: skip
         pending.fill = self.fill
         if state.weather is not None:
             pending.air = self._frame_weather.air(state, camera, time_s, self.quality)
@@ -245,6 +250,10 @@ class Renderer:
         rows, columns = slice(region.top, region.bottom), slice(region.left, region.right)
         put_in_weather(pending, self._bound, frame, rows, columns)
         return _blanked(frame, region)
+
+    def _lit(self, state: WorldState) -> list[Actor]:
+        """Return the actors whose lamps edits switch, and that are there."""
+        return [actor for actor in state.actors if actor.lamps and actor.uid in self.tracer(state).active.uids]
 
     def _shadowing(self, state: WorldState, camera: Camera) -> list[Actor]:
         """Return the actors under which a camera sees contact shadows."""
@@ -465,6 +474,8 @@ class Renderer:
                 image, maps = filled_image(pending, pending.fill, self._bound, image, points, ground, maps)
             if pending.is_shaded:
                 image = self._frame_shadows.shaded(pending, image, points, ground, rays, maps)
+            if pending.lit:
+                image = with_lamps(pending, self._bound, image, rays, maps)
         pending.stats.seconds["image"] = time.perf_counter() - pending.begun
         pose = camera.world_from_camera.at(time_s)
         model = camera.model_at(time_s)

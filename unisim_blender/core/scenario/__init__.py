@@ -21,7 +21,7 @@ from ..sensors.frames import FORMER_PASSES
 from ..world.drive import Drive
 from . import edits  # noqa: F401 so that all are registered before a document is read
 from .checks import fail, require
-from .context import EditContext, SceneActors
+from .context import EditContext, RecordedLamps, SceneActors
 from .edit import EDITS, Edit
 from .light import check_light, sun_of
 from .motion.placement import check_rotation
@@ -219,13 +219,15 @@ def _renamed(scenario: Scenario, moved: Callable[[str], str]) -> Scenario:
     return replace(scenario, log=log, scene=scene, edits=tuple(renamed))
 
 
-def apply_scenario(scenario: Scenario, base_drive: Drive, scene_actors: SceneActors) -> Drive:
+def apply_scenario(
+    scenario: Scenario, base_drive: Drive, scene_actors: SceneActors, recorded_lamps: RecordedLamps | None = None
+) -> Drive:
     """Return the edited drive. ``base_drive`` is not changed; the result shares the objects that no edit changes.
 
-    ``scene_actors`` returns the actors of another trained scene, given its folder. Raises `ScenarioError` naming
-    the edit's place.
+    ``scene_actors`` returns the actors of another trained scene, given its folder, and ``recorded_lamps`` the lamps of the
+    log's actors. Raises `ScenarioError` naming the edit's place.
     """
-    context = EditContext(scenario, base_drive, scene_actors)
+    context = EditContext(scenario, base_drive, scene_actors, recorded_lamps)
     for key in scenario.boxes or {}:
         if key in base_drive.actors:
             fail(f"{scenario.path}: boxes.{key}", "is an actor's id already")

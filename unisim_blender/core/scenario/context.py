@@ -3,7 +3,7 @@ they share."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +14,7 @@ from ..errors import ScenarioError, UnisimError
 from ..geometry import FloatArray, Trajectory
 from ..meshes.read import mesh_size_m
 from ..world.drive import Actor, Appearance, Box, Drive
+from ..world.lamps import ActorLamp
 from .checks import fail, listed
 from .motion.keys import Keyframe, Present, ShiftKey
 from .motion.placement import BoxSpec, Placement, pose_of, rotation_of, rotations_of
@@ -27,15 +28,19 @@ SENSOR_MARGIN_S = 0.25
 """Time, seconds, by which sweeps and shutters may extend before the first and after the last time of a drive."""
 
 SceneActors = Callable[[Path], dict[str, Actor]]
+RecordedLamps = Callable[[], Mapping[str, tuple[ActorLamp, ...]]]
+"""Function that returns the lamps of a log's actors that its images show in two states, by their ids."""
 
 
 @dataclass(frozen=True)
 class EditContext:
-    """The scenario, the drive before any edit, and where other scenes' actors come from."""
+    """The scenario, the drive before any edit, and where other scenes' actors come from, and the log's lamps: None where its
+    images cannot be looked at."""
 
     scenario: Scenario
     recorded: Drive
     scene_actors: SceneActors
+    recorded_lamps: RecordedLamps | None = None
 
     @cached_property
     def _span_s(self) -> tuple[float, float]:

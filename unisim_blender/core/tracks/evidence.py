@@ -13,11 +13,10 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from ..data.log import Log
+from ..data.log import Log, cached_file
 from ..errors import LogError
 from ..files import write_cached
 from ..geometry import FloatArray
-from ..poses.posed import cached_file
 from .clusters import Cluster, moving_clusters
 from .free_space import range_image, windows
 from .ground import GroundBuilder, GroundHeights

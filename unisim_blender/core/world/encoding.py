@@ -22,6 +22,7 @@ from ..geometry import FloatArray, Trajectory
 from ..json_file import Node
 from .drive import Actor, Appearance, Box, Camera, CameraModel, Lidar, LidarModel, Readouts, SpinPhase, StaticCopy
 from .drive_json import LIDAR_TABLES
+from .lamps import ActorLamp
 from .light import Sunlight
 from .replay import WorldState
 from .weather import Weather
@@ -58,6 +59,8 @@ def encode_state(state: WorldState) -> str:
         "static_copies": [copy.uid for copy in state.static_copies],
         "removed_boxes": len(state.removed_boxes),
     }
+    if lamps := {actor.uid: [lamp.to_json() for lamp in actor.lamps] for actor in state.actors if actor.lamps}:
+        header["lamps"] = lamps
     if state.weather is not None:
         header["weather"] = state.weather.to_dict()
     if state.light is not None:
@@ -72,6 +75,13 @@ def decode_state(text: str) -> WorldState:
         start_s, end_s = numbers.take(2).tolist()
         ego = numbers.trajectory(header["ego_keys"])
         actors = tuple(_actor(about, numbers) for about in header["actors"])
+        lamps = dict(Node(header.get("lamps", {}), "lamps", EncodingError).members())
+        actors = tuple(
+            replace(actor, lamps=tuple(map(ActorLamp.from_json, lamps[actor.uid].elements())))
+            if actor.uid in lamps
+            else actor
+            for actor in actors
+        )
         copies = tuple(
             StaticCopy(str(uid), numbers.box(), numbers.take(16).reshape(4, 4)) for uid in header["static_copies"]
         )

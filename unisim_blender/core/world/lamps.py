@@ -105,7 +105,11 @@ class ActorLamp:
             height, width = (size.integer(1) for size in patch.key("shape").elements())
             colours = patch.key("colours").array(2, height, width, 3).astype(np.float32)
             share = patch.key("share").array(height, width).astype(np.float32)
-            axis, side, texel_m = patch.key("axis").integer(0), patch.key("side").integer(), patch.key("texel_m").number()
+            axis, side, texel_m = (
+                patch.key("axis").integer(0),
+                patch.key("side").integer(),
+                patch.key("texel_m").number(),
+            )
             patches.append(LampPatch(axis, side, patch.key("low").array(2), texel_m, colours, share))
         if not len(times) or not np.isin(shown, (0, 1)).all() or not all(p.axis < 3 and p.texel_m > 0 for p in patches):
             node.fail("is no lamp")

@@ -26,12 +26,15 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("path", type=PATH)
 @boxes_option("path")
+@click.option("--lamps", is_flag=True, help="Search a log's images for actors' lamps that change.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def command(path: Path, as_json: bool) -> None:
+def command(path: Path, lamps: bool, as_json: bool) -> None:
     """Tell what PATH holds: a log, a trained scene (a folder), or a scenario (a JSON file)."""
     about = describe(path)
     if about["kind"] == "log":
         _add_agreement(path, about)
+    if lamps:
+        _add_lamps(path, about)
     click.echo(json.dumps(about, indent=2, ensure_ascii=False) if as_json else "\n".join(lines_of(about)))
 
 
@@ -86,6 +89,22 @@ def _add_agreement(path: Path, about: dict[str, Any]) -> None:
     about["poses"] = {"lidar": report.lidar, "lags": [asdict(row) for row in report.lags]}
     about["agreement"] = report.words if report.lidar else ""
     about["doubts"] += [f"{about['path']}: {report.doubt}"] if report.doubt else []
+
+
+def _add_lamps(path: Path, about: dict[str, Any]) -> None:
+    """Add what the images of the log at ``path`` show of actors' lamps. Raises `UnisimError` where it is no log."""
+    from ...actor_images.lamps import lamps_in
+    from ...formats.readers import open_log
+    from ...progress import Bar
+    from ...world.lamps import words_of
+
+    if about["kind"] != "log":
+        raise UnisimError(f"{path}: is a {about['kind']}: --lamps looks at a log's images")
+    log = open_log(path)
+    with Bar(total=100, unit="%", desc="lamps", delay=0.5) as bar:
+        by_actor = lamps_in(log, lambda share: bar.update(round(100 * share) - bar.n))
+    end_s = log.drive.time_s[log.drive.frames[-1]]
+    about["lamps"] = [words_of(uid, lamp, end_s) for uid, lamps in by_actor.items() for lamp in lamps]
 
 
 def describe_scene(header: SceneHeader) -> dict[str, Any]:
@@ -184,6 +203,9 @@ def lines_of(about: dict[str, Any]) -> list[str]:
     if sun := about.get("sun"):
         where = "azimuth {azimuth_deg:.1f}, elevation {elevation_deg:.1f} degrees, within {deviation_deg:.1f}"
         lines.append(f"  sun: {where.format(**sun)}, by place and time, whether it shone or not")
+    if "lamps" in about:
+        lines += ["  lamps:", *(f"    {sentence}" for sentence in about["lamps"])]
+        lines.append("    all others are seen in one state" if about["lamps"] else "    each is seen in one state")
     lines.append("  missing:" if about["missing"] else "  missing: nothing")
     lines += [f"    {sentence}" for sentence in about["missing"]]
     if about.get("doubts"):

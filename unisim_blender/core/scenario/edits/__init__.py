@@ -22,3 +22,4 @@ from .cut_in import CutInManeuver as CutInManeuver
 from .cross import Cross as Cross
 from .follow import Follow as Follow
 from .row import Row as Row
+from .lamp import Lamp as Lamp

@@ -34,6 +34,11 @@ class Swap(Edit):
             beside(actor.world_from_actor, (0.0, 0.0, raised), None, None) if raised else actor.world_from_actor
         )
         swapped = replace(
-            actor, label=source.label, size_m=source.size_m, appearance=source.appearance, scale=(1.0, 1.0, 1.0), lamps=()
+            actor,
+            label=source.label,
+            size_m=source.size_m,
+            appearance=source.appearance,
+            scale=(1.0, 1.0, 1.0),
+            lamps=(),
         )
         return with_actor(drive, replace(swapped, world_from_actor=trajectory))

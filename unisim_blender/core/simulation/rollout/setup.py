@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...actor_images.lamps import lamps_in
 from ...data.log import Log, extras_of
 from ...data.road import RoadCells, road_cells
 from ...errors import OutputError, refused
@@ -28,6 +29,7 @@ from ...sequence.plan import RenderPlan
 from ...world.captures import US_PER_SECOND
 from ...world.classes import Motion
 from ...world.drive import Drive
+from ...world.lamps import ActorLamp
 from ...world.polyline import spaced
 from ..drivers.driver import DriverKind, DriverSetup, EgoMotion, SensorSetup
 from ..edits import ScenarioDrive, without_driven
@@ -157,6 +159,10 @@ class OpenedScenario:
         """The road by the log's labels; None where it has none. It is read when it is asked for. Raises `LogError`."""
         return None if self.log is None else road_cells(self.log)
 
+    def _lamps(self) -> Mapping[str, tuple[ActorLamp, ...]]:
+        """Return the lamps that the log's images show in two states. Raises `LogError`."""
+        return {} if self.log is None else lamps_in(self.log)
+
     @single_threaded_torch()
     def simulation(self, asked: SimulationSpec, kind: DriverKind, out: Path) -> Simulation:
         """Return a simulation whose results go to folder ``out``. Members of ``asked`` that are not None go before the scenario's
@@ -168,13 +174,12 @@ class OpenedScenario:
         )
         base = base_scenario(self.scenario, self.edited, spec, self.sensors, self.outputs, out)
         start_us, stop_us = span_us(self.edited, self.scenario, spec, kind)
-        scenario_drive = ScenarioDrive.of(base, EditContext(base, self.recorded, self.scenes.actors), start_us, stop_us)
+        reads = EditContext(base, self.recorded, self.scenes.actors, self._lamps)
+        scenario_drive = ScenarioDrive.of(base, reads, start_us, stop_us)
         drive = scenario_drive.drive()
         rest = replace(base, edits=without_driven(base.edits))
         if kind.drives and rest.edits != base.edits:
-            scenario_drive = ScenarioDrive.of(
-                rest, EditContext(rest, self.recorded, self.scenes.actors), start_us, stop_us
-            )
+            scenario_drive = ScenarioDrive.of(rest, replace(reads, scenario=rest), start_us, stop_us)
         place = f"{self.scenario.path}: simulation"
         heights = heights_at(self.renderer, self.plan.captures, start_us)
         context = context_of(drive, place, spec, kind, heights, self.classes, start_us, stop_us)

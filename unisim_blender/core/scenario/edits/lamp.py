@@ -1,0 +1,61 @@
+"""The edit `lamp`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from ...errors import UnisimError
+from ...world.drive import Drive
+from ...world.lamps import lamp_of
+from ..checks import fail, listed, require
+from ..context import EditContext, current, with_actor
+from ..edit import Edit, register
+from ..types import Scenario
+
+
+@register
+@dataclass(frozen=True)
+class Lamp(Edit):
+    """Show the actor's lamp in a state that the log shows too, from one time to another; before and after, as the log does."""
+
+    type = "lamp"
+    unseen_because = "the states of a lamp are recognised in the log's images, which Blender does not look at"
+
+    actor: str
+    state: str
+    lamp: str | None = None
+    from_s: float | None = None
+    to_s: float | None = None
+
+    def check(self, scenario: Scenario, place: str) -> None:
+        ordered = self.from_s is None or self.to_s is None or self.from_s < self.to_s
+        require(ordered, f"{place}.to_s", f"{self.to_s} must lie after from_s, {self.from_s}")
+
+    def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
+        """Return the drive with the actor's lamp in the state, and else in those of the log and of earlier edits."""
+        actor = current(drive, self.actor, f"{place}.actor", context)
+        if context.recorded_lamps is None:
+            fail(place, "the log's images show how a lamp looks, and they are not at hand here")
+        try:
+            recorded = context.recorded_lamps()
+        except UnisimError as fault:
+            fail(place, f"the log's images show how a lamp looks: {fault}")
+        own = actor.appearance.scene == actor.appearance.mesh == ""
+        lamps = recorded.get(actor.appearance.actor, ()) if own else ()
+        if not lamps:
+            known = f"two states of lamps of {listed(recorded)}" if recorded else "no lamp in two states"
+            fail(f"{place}.actor", f'the log shows "{self.actor}" in one state alone; it shows {known}')
+        lamp = lamp_of((*actor.lamps, *(x for x in lamps if x.name not in [y.name for y in actor.lamps])), self.lamp)
+        if lamp is None:
+            names = listed([lamp.name for lamp in lamps])
+            fail(
+                f"{place}.lamp",
+                f'"{self.actor}" has {"several lamps" if self.lamp is None else "no such lamp"} {names}',
+            )
+        if self.state not in lamp.states:
+            fail(f"{place}.state", f'the log does not show "{self.state}" of "{self.actor}" {listed(lamp.states)}')
+        from_s = -math.inf if self.from_s is None else context.check_time(self.from_s, f"{place}.from_s")
+        to_s = math.inf if self.to_s is None else context.check_time(self.to_s, f"{place}.to_s")
+        others = tuple(other for other in actor.lamps if other.name != lamp.name)
+        return with_actor(drive, replace(actor, lamps=(*others, lamp.switched(self.state, from_s, to_s))))
