@@ -89,20 +89,9 @@ def look_up(
             cosine[some] = np.abs((d[some] * normal).sum(-1))
         normals[some], soft[some], local[some] = normal, rounded, in_asset
     return Surfaces(
-        rays,
-        o + t[:, None] * d,
-        normals,
-        soft,
-        local,
-        albedo,
-        emitted,
-        gloss,
-        glass,
-        reflectivity,
-        cosine,
-        placement,
+        rays, o + t[:, None] * d, normals, soft, local, albedo, emitted, gloss, glass, reflectivity, cosine, placement,
         part,
-    )
+    )  # fmt: skip
 
 
 def _unit(vectors: FloatArray) -> FloatArray:

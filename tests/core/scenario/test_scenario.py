@@ -157,6 +157,7 @@ EVERYTHING: dict[str, Any] = {
             "end_m": 9,
             "spacing_m": 7,
         },
+        {"type": "lamp", "actor": "light", "state": "red", "lamp": "red-green", "from_s": 0.5, "to_s": 1},
     ],
     "outputs": {"passes": ["rgb", "depth"], "formats": ["png", "npz"], "width": 480, "quality": "fast"},
 }

@@ -115,9 +115,8 @@ def _search(log: Log, progress: Callable[[float], object]) -> Iterator[tuple[str
                     sizes[number][len(times)] = px_per_m
             times.append(camera.time_s[frame])
             progress(len(times) / total)
-    for actor, own, px_per_m in zip(actors, faces, sizes, strict=True):
-        lamps = lamps_of_faces(actor.size_m, own, np.array(times), px_per_m)
-        if lamps:
+    for actor, own, size in zip(actors, faces, sizes, strict=True):
+        if lamps := lamps_of_faces(actor.size_m, own, np.array(times), size):
             yield actor.uid, lamps
 
 
@@ -182,7 +181,7 @@ def lamps_of_faces(
     images = np.array(sorted({image for face in faces for image in face.samples}, key=lambda image: times_s[image]))
     if not faces:
         return ()
-    colours = np.concatenate([_evened(face, images) for face in faces], 1)
+    recorded, colours = np.concatenate([_colours(face, images) for face in faces], 2)
     texels = np.concatenate([[number] * (face.shape[0] * face.shape[1]) for number, face in enumerate(faces)])
     levels = _brightness(colours)
     low, high, spread = _two_levels(levels)
@@ -192,43 +191,34 @@ def lamps_of_faces(
             np.isnan(levels[:, candidates]), np.nan, levels[:, candidates] > ((low + high) / 2)[candidates]
         )
     size = np.array([px_per_m[image] for image in images])
-    lamps = []
+    lamps: list[ActorLamp] = []
     while len(candidates):
         seed = int((high - low)[candidates].argmax())
         both = ~np.isnan(states) & ~np.isnan(states[:, [seed]])
         agree = ((states == states[:, [seed]]) & both).sum(0) / np.maximum(both.sum(0), 1)
         same, opposite = agree >= AGREE, agree <= 1 - AGREE
         same[seed] = True
-        lamp = _lamp(size_m, faces, texels, colours, candidates[same], candidates[opposite], times_s[images], size)
+        changing = candidates[same], candidates[opposite]
+        lamp = _lamp(size_m, faces, texels, recorded, colours, *changing, times_s[images], size)
         if lamp is not None and all(lamp.name != other.name for other in lamps):
             lamps.append(lamp)
         candidates, states = candidates[~(same | opposite)], states[:, ~(same | opposite)]
     return tuple(lamps)
 
 
-def _evened(face: _Face, images: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Return the colours (I, N, 3) of a face's texels by image, NaN where it is not seen, less what changes all around them."""
-    colours = np.full((len(images), face.shape[0] * face.shape[1], 3), np.nan, np.float32)
+def _colours(face: _Face, images: NDArray[np.int64]) -> NDArray[np.float32]:
+    """Return the colours (2, I, N, 3) of a face's texels by image, NaN where it is not seen: as recorded, and less what changes
+    all around them."""
+    colours = np.full((2, len(images), face.shape[0] * face.shape[1], 3), np.nan, np.float32)
     rows = np.flatnonzero(np.isin(images, list(face.samples)))
     seen = np.stack([face.samples[int(image)] for image in images[rows]])
     bright = seen.mean(3)
     usual = _medians(bright.reshape(len(rows), -1)).reshape(face.shape)
-    change = np.log(np.maximum(bright, 0.03) / np.maximum(usual, 0.03))
-    gains = np.exp([_blurred(np.clip(row, -MOST_GAIN, MOST_GAIN), round(BLUR_M / face.texel_m)) for row in change])
-    colours[rows] = (seen / gains[..., None]).reshape(len(rows), -1, 3)
+    change = np.log(np.maximum(bright, 0.03) / np.maximum(usual, 0.03)).clip(-MOST_GAIN, MOST_GAIN)
+    known, reach = ~np.isnan(change), round(BLUR_M / face.texel_m)
+    gains = np.exp(_around(np.nan_to_num(change), reach) / np.maximum(_around(known, reach), 1))
+    colours[:, rows] = np.stack([seen, seen / gains[..., None]]).reshape(2, len(rows), -1, 3)
     return colours
-
-
-def _blurred(values: NDArray[Any], reach: int) -> FloatArray:
-    """Return the means (H, W) of values within ``reach`` in both directions, NaN left out."""
-    known = ~np.isnan(values)
-    out = np.stack([np.nan_to_num(values), known.astype(np.float64)])
-    for axis in (1, 2):
-        size = out.shape[axis]
-        sums = np.cumsum(np.insert(out, 0, 0.0, axis), axis)
-        low, high = np.maximum(np.arange(size) - reach, 0), np.minimum(np.arange(size) + reach + 1, size)
-        out = sums.take(high, axis) - sums.take(low, axis)
-    return np.asarray(out[0] / np.maximum(out[1], 1e-9))
 
 
 def _medians(values: NDArray[Any]) -> FloatArray:
@@ -261,7 +251,8 @@ def _two_levels(values: NDArray[Any]) -> tuple[FloatArray, FloatArray, FloatArra
 
 
 def _lamp(
-    size_m: FloatArray, faces: list[_Face], texels: NDArray[np.int64], colours: NDArray[np.float32], same: NDArray[np.int64],
+    size_m: FloatArray, faces: list[_Face], texels: NDArray[np.int64], recorded: NDArray[np.float32],
+    colours: NDArray[np.float32], same: NDArray[np.int64],
     opposite: NDArray[np.int64], times_s: FloatArray, px_per_m: FloatArray,
 ) -> ActorLamp | None:  # fmt: skip
     """Return the lamp of texels that change together, and of those that change the other way; None where they are none."""
@@ -283,13 +274,16 @@ def _lamp(
     if on - off < LEAST_GROUP_GAP * spread or len(runs) < 2:
         return None
     weight = (px_per_m[rows] ** 2)[:, None, None]
-    looks = np.stack([_means(colours[rows][shown == state], weight[shown == state]) for state in (0, 1)])
+    looks, drawn = (
+        np.stack([_means(x[rows][shown == state], weight[shown == state]) for state in (0, 1)])
+        for x in (colours, recorded)
+    )
     words, parts = [], []
     for lit, some in ((1, same), (0, opposite)):
         near = np.zeros(len(texels), bool)
         near[some] = True
-        part = (_counted(faces, texels, near, RIM_TEXELS) > 0) & _glows(looks[lit], looks[1 - lit])
-        solid = (_counted(faces, texels, part, 1)[part] >= 7).sum() >= max(LEAST_SOLID * part.sum(), 1)
+        part = (_counted(faces, texels, near, RIM_TEXELS) > 0.5) & _glows(looks[lit], looks[1 - lit])
+        solid = (_counted(faces, texels, part, 1)[part] > 6.5).sum() >= max(LEAST_SOLID * part.sum(), 1)
         part &= bool(solid and LEAST_AREA_PX <= area_px[part].sum())
         parts.append(part)
         words.append(_colour(looks[lit][part].mean(0)) if part.any() else "")
@@ -298,7 +292,7 @@ def _lamp(
     if not inside.any() or area_px[inside].sum() > MOST_AREA * area_px[own].sum():
         return None
     change = np.abs(_brightness(looks[1]) - _brightness(looks[0]))
-    rest = change[own & (_counted(faces, texels, inside, 2 * RIM_TEXELS) == 0)]
+    rest = change[own & (_counted(faces, texels, inside, 2 * RIM_TEXELS) < 0.5)]
     if len(rest) and np.quantile(rest, 0.9) > MOST_OF_REST * np.median(change[inside]):
         return None
     sides = looks[:, inside].mean(1)
@@ -315,10 +309,10 @@ def _lamp(
         np.exp(-0.5 * ((series - np.where(shown == 1, *pair)) / spread) ** 2) for pair in ((on, off), (off, on))
     )
     changes = np.flatnonzero(np.diff(shown)) + 1
-    starts = np.concatenate([[0.0], (times_s[rows][changes] + times_s[rows][changes - 1]) / 2])
+    starts = np.concatenate([times_s[rows][:1], (times_s[rows][changes] + times_s[rows][changes - 1]) / 2])
     return ActorLamp(
         name, states, starts, shown[np.concatenate([[0], changes])],
-        tuple(_patches(faces, texels, looks, inside)), float((likely / np.maximum(likely + other, 1e-12)).mean()),
+        tuple(_patches(faces, texels, drawn, inside)), float((likely / np.maximum(likely + other, 1e-12)).mean()),
     )  # fmt: skip
 
 
@@ -354,7 +348,7 @@ def _patches(
         core = inside[own].reshape(face.shape)
         if not core.any():
             continue
-        part = core | (_neighbours(core, RIM_TEXELS) > 0) & (change[own].reshape(face.shape) > RIM * most)
+        part = core | (_around(core, RIM_TEXELS) > 0.5) & (change[own].reshape(face.shape) > RIM * most)
         rows, columns = np.flatnonzero(part.any(1)), np.flatnonzero(part.any(0))
         cut = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
         colours = looks[:, own].reshape(2, *face.shape, 3)[:, cut[0], cut[1]]
@@ -363,14 +357,17 @@ def _patches(
         yield LampPatch(face.axis, face.side, low, face.texel_m, np.clip(colours, 0, 1).astype(np.float32), share)
 
 
-def _neighbours(mask: BoolArray, reach: int) -> NDArray[np.int64]:
-    """Return how many texels (H, W) within ``reach`` of each are set, its own with them."""
-    padded, (height, width) = np.pad(mask.astype(np.int64), reach), mask.shape
-    shifts = range(2 * reach + 1)
-    return np.asarray(sum(padded[i : i + height, j : j + width] for i in shifts for j in shifts))
+def _around(values: NDArray[Any], reach: int) -> FloatArray:
+    """Return sums (..., H, W) of values over the texels within ``reach`` of each in both directions."""
+    out = values.astype(np.float64)
+    for axis in (-2, -1):
+        size = out.shape[axis]
+        sums, at = np.cumsum(np.insert(out, 0, 0.0, axis), axis), np.arange(size)
+        out = sums.take(np.minimum(at + reach + 1, size), axis) - sums.take(np.maximum(at - reach, 0), axis)
+    return out
 
 
-def _counted(faces: list[_Face], texels: NDArray[np.int64], inside: BoolArray, reach: int) -> NDArray[np.int64]:
-    """Return `_neighbours` (N,) of all faces' texels."""
-    parts = (_neighbours(inside[texels == number].reshape(face.shape), reach) for number, face in enumerate(faces))
+def _counted(faces: list[_Face], texels: NDArray[np.int64], inside: BoolArray, reach: int) -> FloatArray:
+    """Return how many texels (N,) within ``reach`` of each are inside, on its face."""
+    parts = (_around(inside[texels == number].reshape(face.shape), reach) for number, face in enumerate(faces))
     return np.concatenate([part.reshape(-1) for part in parts])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -42,8 +41,8 @@ class LampPatch:
         padded = np.zeros((self.share.shape[0] + 2, self.share.shape[1] + 2, 4), np.float32)
         padded[1:-1, 1:-1, 3:] = self.share[..., None]
         padded[1:-1, 1:-1, :3] = self.colours[state] * self.share[..., None]
-        at = np.clip(at + 1, 0, np.array(self.share.shape) + 0.999)
-        low = at.astype(np.int64)
+        at = np.clip(at + 1, 0, np.array(self.share.shape) + 1)
+        low = np.minimum(at.astype(np.int64), self.share.shape)
         u, v = (at - low).astype(np.float32).T[..., None]
         (i, j), (k, m) = low.T, low.T + 1
         value = (1 - u) * ((1 - v) * padded[i, j] + v * padded[i, m]) + u * ((1 - v) * padded[k, j] + v * padded[k, m])
@@ -120,30 +119,10 @@ class ActorLamp:
     @cached_property
     def content(self) -> bytes:
         """All of it as bytes, for digests."""
-        words = json.dumps([self.name, *self.states, len(self.times_s), len(self.patches)]).encode()
-        patches = (
-            json.dumps([p.axis, p.side, p.texel_m, *p.share.shape]).encode()
-            + p.low.tobytes() + p.colours.tobytes() + p.share.tobytes()
-            for p in self.patches
-        )  # fmt: skip
-        return b"".join([words, self.times_s.tobytes(), self.shown.tobytes(), *patches])
+        return json.dumps(self.to_json()).encode()
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ActorLamp) and self.content == other.content
 
     def __hash__(self) -> int:
         return hash(self.content)
-
-
-def words_of(uid: str, lamp: ActorLamp, end_s: float) -> str:
-    """Return a line on what a log shows of an actor's lamp until ``end_s``: "car-01 red: off 0.0, on 0.6, off 1.4 s"."""
-    spans = ", ".join(
-        f"{lamp.states[state]} {max(start, 0.0):.1f}" for start, state in zip(lamp.times_s, lamp.shown, strict=True)
-    )
-    return f"{uid} {lamp.name}: {spans} to {end_s:.1f} s (certain to {100 * lamp.certainty:.0f} %)"
-
-
-def lamp_of(lamps: Sequence[ActorLamp], name: str | None) -> ActorLamp | None:
-    """Return the lamp of a name, or the only one where no name is given; None where there is none."""
-    named = [lamp for lamp in lamps if name is None or lamp.name == name]
-    return named[0] if len(named) == 1 else None

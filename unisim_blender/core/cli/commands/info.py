@@ -96,15 +96,17 @@ def _add_lamps(path: Path, about: dict[str, Any]) -> None:
     from ...actor_images.lamps import lamps_in
     from ...formats.readers import open_log
     from ...progress import Bar
-    from ...world.lamps import words_of
 
     if about["kind"] != "log":
         raise UnisimError(f"{path}: is a {about['kind']}: --lamps looks at a log's images")
     log = open_log(path)
     with Bar(total=100, unit="%", desc="lamps", delay=0.5) as bar:
         by_actor = lamps_in(log, lambda share: bar.update(round(100 * share) - bar.n))
-    end_s = log.drive.time_s[log.drive.frames[-1]]
-    about["lamps"] = [words_of(uid, lamp, end_s) for uid, lamps in by_actor.items() for lamp in lamps]
+    about["lamps"] = []
+    for uid, lamp in ((uid, lamp) for uid, some in by_actor.items() for lamp in some):
+        spans = zip(lamp.shown, lamp.times_s, strict=True)
+        words = ", ".join(f"{lamp.states[state]} from {time_s:.1f} s" for state, time_s in spans)
+        about["lamps"].append(f"{uid} {lamp.name}: {words} (certain to {100 * lamp.certainty:.0f} %)")
 
 
 def describe_scene(header: SceneHeader) -> dict[str, Any]:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 from ...errors import UnisimError
 from ...world.drive import Drive
-from ...world.lamps import lamp_of
 from ..checks import fail, listed, require
 from ..context import EditContext, current, with_actor
 from ..edit import Edit, register
@@ -46,13 +45,11 @@ class Lamp(Edit):
         if not lamps:
             known = f"two states of lamps of {listed(recorded)}" if recorded else "no lamp in two states"
             fail(f"{place}.actor", f'the log shows "{self.actor}" in one state alone; it shows {known}')
-        lamp = lamp_of((*actor.lamps, *(x for x in lamps if x.name not in [y.name for y in actor.lamps])), self.lamp)
-        if lamp is None:
-            names = listed([lamp.name for lamp in lamps])
-            fail(
-                f"{place}.lamp",
-                f'"{self.actor}" has {"several lamps" if self.lamp is None else "no such lamp"} {names}',
-            )
+        named = [lamp for lamp in lamps if self.lamp in (None, lamp.name)]
+        if len(named) != 1:
+            problem = "several lamps" if named else "no such lamp"
+            fail(f"{place}.lamp", f'"{self.actor}" has {problem} {listed([lamp.name for lamp in lamps])}')
+        lamp = next((lamp for lamp in actor.lamps if lamp.name == named[0].name), named[0])
         if self.state not in lamp.states:
             fail(f"{place}.state", f'the log does not show "{self.state}" of "{self.actor}" {listed(lamp.states)}')
         from_s = -math.inf if self.from_s is None else context.check_time(self.from_s, f"{place}.from_s")
