@@ -41,8 +41,9 @@ from ..weather import wet_ground
 from ..weather.spray import Puffs, spray
 from ..world.drive import Actor, Camera, Lidar
 from ..world.replay import WorldState
-from .confidence import RecordedDepth, ViewEvidence, probability
+from .confidence import DepthView, RecordedDepth, ViewEvidence, probability
 from .contact_shadow import SHADOW_CUTOFF_M, dimmed, displaced, faded, shaded
+from .fixers import ImageToFix, RecordedFixer, weight_of
 from .ground_fill import GroundFill
 from .lattice import NEAR_BOXES, Region, SparseImage, Tile, aligned, fill_passes, progressive_strides
 from .quality import QUALITIES, Quality
@@ -52,8 +53,10 @@ from .visibility import Reach
 
 MAX_LATTICE_SPACING_PX = 1.5
 """Widest spacing of a lattice, in pixels of the images that the scene was trained on."""
-WEATHER_MAPS = {"depth", "instance"}
-"""Maps of an image that weather needs."""
+FINISHING_MAPS = {"depth", "instance"}
+"""Maps of an image that weather and fixers need."""
+WHOLE_IMAGE_PX = 2**20
+"""Margin, in pixels, that is the whole of any image."""
 MIN_PREVIEW_WIDTH_PX = 16
 """Smallest width of a preview, in pixels."""
 SKY_WIDTH_PX = 64
@@ -101,6 +104,8 @@ class _Exposure:
     """Drops and flakes in the image, once they are drawn."""
     fill: GroundFill | None = None
     """What the ground has where nobody saw it; None where that is to stay as the scene has it."""
+    fixer: RecordedFixer | None = None
+    """What draws anew what no recorded image shows, if anything does."""
 
     @property
     def is_shaded(self) -> bool:
@@ -111,6 +116,11 @@ class _Exposure:
     def needs_rays(self) -> bool:
         """Whether the frame is finished by its rays: for shadows, for filled ground and for confidence."""
         return self.is_drawn_on or "confidence" in self.passes
+
+    @property
+    def shown(self) -> set[str]:
+        """The maps that the frame has before it is finished: the passes, and what weather and a fixer need."""
+        return {*self.passes, *(FINISHING_MAPS if self.air is not None or self.fixer is not None else ())}
 
     @property
     def is_drawn_on(self) -> bool:
@@ -135,11 +145,15 @@ class _Binding:
 
     def exposed(self, image: NDArray[np.float32], camera_id: str, time_s: float) -> NDArray[np.float32]:
         """Return a camera's image, or its colours (..., 3), exposed as a trained scene's images around its time are."""
+        gain = self.gain(camera_id, time_s)
+        return image if gain is None else np.minimum(image * gain, np.float32(1))
+
+    def gain(self, camera_id: str, time_s: float) -> NDArray[np.float32] | None:
+        """Return the gain (3,) of a trained scene's images around a time; None where there is none."""
         exposures: Exposures | None = getattr(self.backend, "exposures", None)
         if exposures is None or camera_id not in exposures.by_camera:
-            return image
-        gain = exposures.at(camera_id, np.array([time_s]))[0].astype(np.float32)
-        return np.minimum(image * gain, np.float32(1))
+            return None
+        return exposures.at(camera_id, np.array([time_s]))[0].astype(np.float32)
 
     def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
         """See `tracer.Backend`."""
@@ -153,7 +167,8 @@ class Renderer:
 
     ``shadows`` adds contact shadows under inserted actors. ``lighting`` is the backend that traces the ground around
     meshes, from which they are lit, where ``backend`` shows only part of it. ``recorded_depth`` is what confidence is
-    computed from, where it is at hand. ``fill`` is what the ground has where nobody saw it.
+    computed from, where it is at hand. ``fill`` is what the ground has where nobody saw it, ``fixer`` what draws anew
+    what no recorded image shows.
     """
 
     def __init__(
@@ -163,8 +178,10 @@ class Renderer:
         lighting: Backend | None = None,
         recorded_depth: RecordedDepth | None = None,
         fill: GroundFill | None = None,
+        fixer: RecordedFixer | None = None,
     ) -> None:
         self.backend, self.shadows, self._recorded_depth, self.fill = backend, shadows, recorded_depth, fill
+        self.fixer = fixer
         self._bound = _Binding(backend)
         self._blockers = {name: _Binding(backend) for name in ("edited", "recorded", "bare")}
         self._behind, self._empty = _Binding(backend), _Binding(backend)
@@ -251,6 +268,10 @@ class Renderer:
     ) -> Iterator[Tile]:
         camera, passes = exposure.camera, exposure.passes
         whole, model = Region.of_image(camera.model), camera.model
+        if exposure.fixer is not None and (region != whole or coarse or band is not None):
+            (tile,) = self._tiles(exposure, whole)
+            yield Tile(tile.frame.cropped(*region), region)
+            return
         if _alone(exposure.tracer):
             yield from self._on_lattice(exposure, region, coarse, band)
             return
@@ -278,7 +299,8 @@ class Renderer:
         """Return the number of pixels beside a ray's own that depend on it: the reach of the decoder, and the lattice's
         blocks."""
         tracer = self.tracer(state)
-        return tracer.upsample * (tracer.reach + 1) + 2 * self.quality.lattice
+        fixed = 0 if self.fixer is None else WHOLE_IMAGE_PX
+        return tracer.upsample * (tracer.reach + 1) + 2 * self.quality.lattice + fixed
 
     def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
         """Return whether what stands is rendered with the same bits at all times between two; see `tracer.Backend`."""
@@ -291,6 +313,7 @@ class Renderer:
             state.weather is None
             and state.light is None
             and self.fill is None
+            and self.fixer is None
             and _alone(tracer)
             and not tracer.active.mesh_actors.seen_by(camera).actors
             and not self._shadowing(state, camera)
@@ -320,10 +343,10 @@ class Renderer:
         }
         drawn_on = bool(shadowing or moved or shadows or self.fill is not None)
         needed = _needed(self._with_evidence(passes), drawn_on)
-        needed |= WEATHER_MAPS if state.weather is not None else set()
+        needed |= FINISHING_MAPS if state.weather is not None or self.fixer is not None else set()
         undeciding = needed - _needed(set(passes) - {"confidence"}, False)
         exposure = _Exposure(tracer, state, camera, time_s, passes, needed, undeciding, shadowing, moved, shadows)
-        exposure.fill = self.fill
+        exposure.fill, exposure.fixer = self.fill, self.fixer
         if state.weather is not None:
             exposure.air = self.air(state, camera, time_s)
         return exposure
@@ -351,9 +374,12 @@ class Renderer:
         return self._air[key]
 
     def _finished(self, exposure: _Exposure, frame: CameraFrame, region: Region) -> CameraFrame:
-        """Return the frame of a region in the state's weather, blank where its lens shows nothing."""
+        """Return the frame of a region, fixed, in the state's weather, blank where its lens shows nothing."""
         rows, columns = slice(region.top, region.bottom), slice(region.left, region.right)
+        if exposure.fixer is not None:
+            self._fix(exposure, exposure.fixer, frame)
         self._put_in_weather(exposure, frame, rows, columns)
+        _leave_out(frame, exposure.passes)
         return _blanked(frame, region)
 
     def _put_in_weather(
@@ -379,10 +405,44 @@ class Renderer:
                 sprayed = exposure.puffs.image_depth(exposure.camera, exposure.time_s, frame.depth_m, rows, columns)
         drawn = None if preview else exposure.particles
         frame.rgb = camera_weather.weathered(frame, weather, air, drawn, rows, columns, size, sprayed)
-        if preview or "depth" not in exposure.passes:
-            frame.depth_m = frame.z_depth_m = None
-        if preview or "instance" not in exposure.passes:
-            frame.instance = None
+
+    def _fix(self, exposure: _Exposure, fixer: RecordedFixer, frame: CameraFrame) -> None:
+        """Let the fixer draw anew what no recorded image shows in the frame of a whole image, and mark that as unsupported."""
+        camera, time_s, recorded = exposure.camera, exposure.time_s, self.recorded_depth
+        assert recorded is not None and frame.depth_m is not None and frame.instance is not None
+        rays, shape, pose = (
+            camera_rays(camera, time_s, *pixel_grid(camera.model)),
+            frame.depth_m.shape,
+            frame.world_from_camera,
+        )
+        maps = {"depth": frame.depth_m.reshape(-1), "instance": frame.instance.reshape(-1)}
+        unseen = recorded.unseen(rays.flat(), maps["depth"], maps["instance"], self._own(exposure.state)).reshape(shape)
+        weight = weight_of(unseen)
+        if not weight.any():
+            return
+        known = np.isfinite(frame.depth_m)
+        points = rays.origins + rays.directions * np.where(known, frame.depth_m, 0.0)[..., None]
+
+        def exposed(image: Array, view: DepthView) -> Array:
+            gain = self._bound.gain(view.sensor_id, view.time_s)
+            return self._bound.exposed(image if gain is None else image / gain, camera.sensor_id, time_s)
+
+        confidence = self._confidence(exposure, rays.flat(), maps).reshape(shape)
+        references = fixer.references(recorded, pose, points, known & (frame.instance == 0), exposed)
+        frame.rgb = fixer.fixed(
+            ImageToFix(
+                frame.rgb,
+                frame.depth_m.copy(),
+                frame.instance.copy(),
+                confidence,
+                weight,
+                references,
+                frame.model,
+                pose,
+            )
+        )
+        if frame.unsupported is not None:
+            frame.unsupported = frame.unsupported | (weight > 0.5)
 
     def _mirror(self, exposure: _Exposure) -> wet_ground.Mirror:
         """Return what the ground reflects in an image, by a coarse one of which rays go on from the ground."""
@@ -493,7 +553,7 @@ class Renderer:
         for stride, done in steps:
             values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in sparse.values.items() if name != NEAR_BOXES}
             if stride > 1:
-                names = ("rgb", "unsupported", *(WEATHER_MAPS if exposure.air is not None else ()))
+                names = ("rgb", "unsupported", *(FINISHING_MAPS if exposure.air is not None else ()))
                 few = {name: values[name][::stride, ::stride] for name in names if name in values}
                 preview = CameraFrame(
                     model,
@@ -505,6 +565,7 @@ class Renderer:
                 )
                 few_rows, few_columns = (slice(part.start, part.stop, stride) for part in (rows, columns))
                 self._put_in_weather(exposure, preview, few_rows, few_columns, preview=True)
+                _leave_out(preview, ())
                 yield Tile(preview, region, (stride, stride), (rows.start, columns.start))
                 continue
             part = region._replace(
@@ -637,8 +698,7 @@ class Renderer:
         if "confidence" in exposure.passes and "confidence" not in maps:
             assert rays is not None
             maps = {**maps, "confidence": self._confidence(exposure, rays.flat(), maps)}
-        shown = {*exposure.passes, *(WEATHER_MAPS if exposure.air is not None else ())}
-        fill_passes(out, {name: x for name, x in maps.items() if name in shown}, along, shape, up, inner)
+        fill_passes(out, {name: x for name, x in maps.items() if name in exposure.shown}, along, shape, up, inner)
         return out
 
     def _confidence(self, exposure: _Exposure, rays: Rays, maps: Maps) -> Array:
@@ -666,9 +726,12 @@ class Renderer:
         without a trained scene."""
         if self.recorded_depth is None:
             return None
+        return self.recorded_depth.near(pose, of_beam).evidence(rays, maps["depth"], maps["instance"], self._own(state))
+
+    def _own(self, state: WorldState) -> list[Actor | None]:
+        """Return the active actors of a state in the order of their numbers, None for those of other scenes and meshes."""
         actors, active = {actor.uid: actor for actor in state.actors}, self.tracer(state).active
-        own = [actors[uid] if uid in active.own.uids else None for uid in active.uids]
-        return self.recorded_depth.near(pose, of_beam).evidence(rays, maps["depth"], maps["instance"], own)
+        return [actors[uid] if uid in active.own.uids else None for uid in active.uids]
 
     def confidence(self, state: WorldState, pose: FloatArray, rays: Rays, maps: Maps, of_beam: bool = False) -> Array:
         """Return the probability (N,) that what flat rays (N,) from a sensor's pose show is right, by their maps: of a
@@ -936,6 +999,14 @@ def reach_of(shadows: bool) -> Reach:
 def _laid_over(below: Array, above: Array | float, opacity: Array) -> Array:
     """Return ``above`` blended over ``below`` by ``opacity`` (N,)."""
     return np.asarray(below + opacity.astype(np.float64) * (above - below), np.float32)
+
+
+def _leave_out(frame: CameraFrame, passes: Sequence[str]) -> None:
+    """Leave out maps that are none of the passes and only finished the frame."""
+    if "depth" not in passes:
+        frame.depth_m = frame.z_depth_m = None
+    if "instance" not in passes:
+        frame.instance = None
 
 
 def _blanked(frame: CameraFrame, region: Region) -> CameraFrame:
