@@ -14,6 +14,7 @@ from examples.plugins.chequered_ground import ChequeredGround, ChequeredTracer
 from unisim_blender.core.colour import linear_from_srgb
 from unisim_blender.core.geometry import FloatArray, Trajectory, quaternion_from_matrix
 from unisim_blender.core.meshes.hits import MeshHits
+from unisim_blender.core.render.frame_weather import mirrored
 from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracer import TraceResult, active_actors
@@ -102,7 +103,9 @@ def test_ground_is_darker_and_shows_the_wall_and_the_sky_above_it() -> None:
     renderer, at = Renderer(Walled()), camera()
     wet = Weather(wetness=0.8)
     clear, shown = (renderer.render(state(w), at, 0.0, ("rgb", "depth")) for w in (None, wet))
-    air, mirror = renderer.air(state(wet), at, 0.0), renderer._mirror(renderer._expose(state(wet), at, 0.0, ()))
+    pending = renderer._expose(state(wet), at, 0.0, ())
+    air, mirror = pending.air, mirrored(pending, renderer._bound)
+    assert air is not None
     assert clear.depth_m is not None and set(np.unique(mirror.ground)) == {0.0, 1.0}
     np.testing.assert_array_equal(shown.rgb[:90], clear.rgb[:90])
     dry = linear_from_srgb(clear.rgb).astype(np.float64)

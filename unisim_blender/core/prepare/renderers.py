@@ -115,7 +115,7 @@ class TrainedMethod(RenderMethod):
             return Renderer(backend, recipe.shadows)
         if recipe.fill == "texture":
             return Renderer(backend, recipe.shadows, fill=ground_fill(backend))
-        fixer = RecordedFixer(recipe.fill, open_log(recipe.log), recipe.scene.header.drive)
+        fixer = RecordedFixer(recipe.fill, open_log(recipe.log), recipe.scene.header.drive.cameras)
         return Renderer(backend, recipe.shadows, fixer=fixer)
 
     def steps(self, recipe: RendererRecipe) -> Iterator[Step]:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -26,11 +26,14 @@ from ..data.log import Log
 from ..errors import UnisimError, in_a_line
 from ..geometry import BoolArray, FloatArray, bilinear
 from ..registry import Registry, named_function
-from ..sensors.frames import FILLS
-from ..world.drive import CameraModel, Drive
+from ..sensors.camera import camera_rays, pixel_grid
+from ..sensors.frames import FILLS, CameraFrame
+from ..sensors.rays import Rays
+from ..world.drive import Actor, Camera, CameraModel
 from .confidence import DepthView, RecordedDepth
 from .ground_fill import marked_around
-from .tracer import Array
+from .pending_image import Binding, PendingImage
+from .tracer import Array, Maps
 
 REFERENCES = 2
 """Number of recorded images that a fixer is given."""
@@ -101,43 +104,59 @@ def fixer_digest(fill: str) -> dict[str, str]:
 
 
 class RecordedFixer:
-    """The fixer of a fill, with the recorded images that it is given: those that a scene's ``drive`` was trained on."""
+    """The fixer of a fill, with the recorded images that it is given: those of ``cameras`` that a scene was trained on."""
 
-    def __init__(self, fill: str, log: Log, drive: Drive) -> None:
-        self.fill, self.drive, self._fixer = fill, drive, fixer_named(fill)
+    def __init__(self, fill: str, log: Log, cameras: Mapping[str, Camera]) -> None:
+        self.fill, self.cameras, self._fixer = fill, cameras, fixer_named(fill)
         self._read = lru_cache(MAX_READ_IMAGES)(log.image)
 
-    def references(
+    def fix(
         self,
+        pending: PendingImage,
+        bound: Binding,
+        frame: CameraFrame,
         recorded: RecordedDepth,
-        world_from_camera: FloatArray,
-        points: FloatArray,
-        static: BoolArray,
-        exposed: Callable[[Array, DepthView], Array],
-    ) -> tuple[ReferenceImage, ...]:
-        """Return the recorded images closest to a pose, at points (H, W, 3), world frame, ``static`` (H, W) those of no actor.
-        ``exposed`` gives an image the exposure of the one to fix."""
-        out = []
-        for view in recorded.near(world_from_camera, False).views[:REFERENCES]:
-            camera = self.drive.cameras[view.sensor_id]
-            frame = next(frame for frame, time_s in camera.time_s.items() if time_s == view.time_s)
-            image = exposed(self._read(view.sensor_id, frame).astype(np.float32) / np.float32(255), view)
-            shown = static.reshape(-1).copy()
-            some = np.flatnonzero(shown)
-            shown[some] = view.shows(points.reshape(-1, 3)[some])[0]
-            warped = np.zeros((shown.size, 3), np.float32)
-            to = (points.reshape(-1, 3)[shown] - view.world_from_view[:3, 3]) @ view.world_from_view[:3, :3]
-            assert view.model is not None
-            u, v, _ = view.model.project(to)
-            warped[shown] = bilinear(
-                image, u * (image.shape[1] / view.model.width), v * (image.shape[0] / view.model.height)
-            )
-            shape = static.shape
-            model = camera.model_at(view.time_s)
-            out.append(
-                ReferenceImage(image, model, view.world_from_view, warped.reshape(*shape, 3), shown.reshape(shape))
-            )
-        return tuple(out)
+        actors: Sequence[Actor | None],
+        confidence: Callable[[Rays, Maps], Array],
+    ) -> None:
+        """Draw anew what no recorded image shows in the frame of a whole image, and mark it as unsupported. ``actors``: as of
+        `RecordedDepth.unseen`; ``confidence`` gives that (N,) of rays by their maps. Raises `UnisimError`."""
+        depth, instance, camera, time_s = frame.depth_m, frame.instance, pending.camera, pending.time_s
+        assert depth is not None and instance is not None
+        rays = camera_rays(camera, time_s, *pixel_grid(camera.model))
+        flat = rays.flat()
+        maps: Maps = {"depth": depth.reshape(-1), "instance": instance.reshape(-1)}
+        unseen = recorded.unseen(flat, maps["depth"], maps["instance"], actors).reshape(depth.shape)
+        if not unseen.any():
+            return
+        points = rays.origins + rays.directions * np.where(np.isfinite(depth), depth, 0.0)[..., None]
+        static = np.isfinite(depth) & (instance == 0)
+        references = []
+        for view in recorded.near(frame.world_from_camera, False).views[:REFERENCES]:
+            image = self._image(view) / np.float32(255)
+            gain = bound.gain(view.sensor_id, view.time_s)
+            image = bound.exposed(image if gain is None else image / gain, camera.sensor_id, time_s)
+            model = self.cameras[view.sensor_id].model_at(view.time_s)
+            references.append(ReferenceImage(image, model, view.world_from_view, *_warped(image, view, points, static)))
+        weight = np.where(unseen, marked_around(unseen, 1) / 9, 0).astype(np.float32)
+        of_pixels = confidence(flat, maps).reshape(depth.shape)
+        view_to_fix = ImageToFix(
+            frame.rgb,
+            depth.copy(),
+            instance.copy(),
+            of_pixels,
+            weight,
+            tuple(references),
+            frame.model,
+            frame.world_from_camera,
+        )
+        frame.rgb = self.fixed(view_to_fix)
+        if frame.unsupported is not None:
+            frame.unsupported = frame.unsupported | (weight > 0.5)
+
+    def _image(self, view: DepthView) -> NDArray[np.uint8]:
+        times = self.cameras[view.sensor_id].time_s
+        return self._read(view.sensor_id, next(frame for frame, time_s in times.items() if time_s == view.time_s))
 
     def fixed(self, view: ImageToFix) -> Array:
         """Return the image, fixed by its weight. Raises `UnisimError`, which names the fixer, where that fails."""
@@ -158,6 +177,16 @@ class RecordedFixer:
         return np.where(weight[..., None] > 0, after, before).astype(np.float32)
 
 
-def weight_of(unseen: BoolArray) -> Array:
-    """Return how much of a fixed image (H, W) is used: of pixels that are ``unseen``, less beside others."""
-    return np.where(unseen, marked_around(unseen, 1) / 9, 0).astype(np.float32)
+def _warped(image: Array, view: DepthView, points: FloatArray, static: BoolArray) -> tuple[Array, BoolArray]:
+    """Return the colours (H, W, 3) of a recorded image at points (H, W, 3), world frame, and whether it shows them (H, W), which
+    are ``static`` (H, W)."""
+    assert view.model is not None
+    some = np.flatnonzero(static)
+    some = some[view.shows(points.reshape(-1, 3)[some])[0]]
+    u, v, _ = view.model.project(
+        (points.reshape(-1, 3)[some] - view.world_from_view[:3, 3]) @ view.world_from_view[:3, :3]
+    )
+    warped, shown = np.zeros((static.size, 3), np.float32), np.zeros(static.size, bool)
+    across, down = image.shape[1] / view.model.width, image.shape[0] / view.model.height
+    warped[some], shown[some] = bilinear(image, u * across, v * down), True
+    return warped.reshape(points.shape), shown.reshape(static.shape)

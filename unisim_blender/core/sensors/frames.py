@@ -80,7 +80,10 @@ class CameraFrame:
 
     def cropped(self, left: int, top: int, right: int, bottom: int) -> CameraFrame:
         """Return the frame of these columns and rows, first and past the last."""
-        return replace(self, **{name: array[top:bottom, left:right] for name, array in self.arrays().items()})
+        part = replace(self)
+        for name, array in self.arrays().items():
+            setattr(part, name, array[top:bottom, left:right])
+        return part
 
     def blank(self, shown: BoolArray) -> None:
         """Make the frame black and empty where ``shown`` (H, W) is False; colours in place of the array that is

@@ -183,7 +183,7 @@ class Jobs:
             if how == "texture" and isinstance(backend, Observing):
                 fill = yield from self._fill(backend, scene)
             elif how != "none" and isinstance(backend, Observing):
-                fixer = RecordedFixer(how, open_log(_text(request, "log")), scene.header.drive)
+                fixer = RecordedFixer(how, open_log(_text(request, "log")), scene.header.drive.cameras)
             if (fixer or "confidence" in request.get("passes", ())) and isinstance(backend, Observing):
                 depth = yield from self._recorded_depth(backend, scene)
             clip = bool(request.get("clip"))

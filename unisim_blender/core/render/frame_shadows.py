@@ -1,0 +1,98 @@
+"""Shadows on rendered images: of inserted actors on the ground, and of the sun, as edits have moved them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..colour import linear_from_srgb
+from ..geometry import BoolArray, FloatArray
+from ..meshes.exposure import PROBE_M
+from ..sensors.frames import RenderStats
+from ..sensors.rays import Rays
+from .contact_shadow import dimmed, shaded
+from .pending_image import Binding, PendingImage, colours_at
+from .sun_shadow import FULL_SUN, GroundBeside, SunShadows, around
+from .tracer import NEAR_M, Backend, Maps, Tracer
+
+
+class FrameShadows:
+    """The shadows in images that a backend traces."""
+
+    def __init__(self, backend: Backend) -> None:
+        self._blockers = {name: Binding(backend) for name in ("edited", "recorded", "bare")}
+
+    def shaded(
+        self,
+        pending: PendingImage,
+        image: NDArray[np.float32],
+        points: FloatArray,
+        ground: BoolArray,
+        rays: Rays,
+        maps: Maps,
+    ) -> NDArray[np.float32]:
+        """Return the image of rays (h, w) with contact shadows on the ground, and the sun's shadows that edits move. Pixels show
+        ``points`` (H, W, 3), ``ground`` (H, W) where those are of no actor."""
+        up, depth = pending.tracer.upsample, maps["depth"].reshape(rays.time_s.shape).astype(np.float64)
+        shape = *rays.time_s.shape, 3
+        rgb = image[up // 2 :: up, up // 2 :: up].reshape(-1, 3)
+        image = shaded(image, points, ground, pending.shadowing, pending.time_s)
+        if pending.shadows is None:
+            return image
+        light = self.sunlight(pending, rays.flat(), depth.reshape(-1), maps["instance"], rgb).reshape(shape)
+        light = np.repeat(np.repeat(light, up, 0), up, 1)[: image.shape[0], : image.shape[1]]
+        return dimmed(image, light)
+
+    def sunlight(
+        self,
+        pending: PendingImage,
+        rays: Rays,
+        depth: FloatArray,
+        instance: NDArray[np.int32],
+        rgb: NDArray[np.float32],
+    ) -> FloatArray:
+        """Return the factors (N, 3) by which edits change the light of what flat rays hit at depths (N,) and show as
+        ``rgb`` (N, 3)."""
+        shadows, out = pending.shadows, np.ones((len(depth), 3))
+        assert shadows is not None
+        solid = np.flatnonzero(np.isfinite(depth))
+        rays = Rays(rays.origins[solid], rays.directions[solid], rays.time_s[solid])
+        states = {"edited": shadows.edited, "recorded": shadows.recorded}
+
+        def facing(some: NDArray[np.bool_]) -> FloatArray:
+            part = Rays(rays.origins[some], rays.directions[some], rays.time_s[some])
+            hits = pending.tracer.active.mesh_actors.seen_by(pending.camera).hit_by_rays(part, NEAR_M)
+            normals = pending.tracer.trace(part, {"normal"}, False, hits, RenderStats()).maps["normal"]
+            return np.asarray(normals, np.float64)
+
+        points = rays.origins + rays.directions * depth[solid, None]
+        tracers = {name: self._blockers[name].tracer(state, pending.tracer.quality) for name, state in states.items()}
+        uids = pending.tracer.active.uids
+
+        def beside() -> GroundBeside:
+            if pending.beside is None:
+                pending.beside = self._ground_beside(pending, shadows, tracers["recorded"])
+            return pending.beside
+
+        brightness = linear_from_srgb(rgb[solid]).mean(1).astype(np.float64)
+        out[solid] = shadows.factors(
+            points, rays.time_s, uids, instance[solid], facing, tracers, brightness, beside
+        )  # fmt: skip
+        return out
+
+    def _ground_beside(self, pending: PendingImage, shadows: SunShadows, recorded: Tracer[Any]) -> GroundBeside:
+        """Return the ground beside what has changed, in the camera's colours."""
+        tracer = self._blockers["bare"].tracer(shadows.bare, pending.tracer.quality)
+        ring, wide = shadows.ring, around(pending.camera.world_from_camera.at(pending.time_s)[:3, 3])
+        points = np.concatenate([ring, wide])
+        points[:, 2] -= tracer.heights(points)
+        rgb, depth = colours_at(pending, points, self._blockers["bare"], tracer)
+        known = depth < 2 * PROBE_M
+        brightness = linear_from_srgb(rgb).mean(1).astype(np.float64)
+        of_wide = brightness[len(ring) :][known[len(ring) :]]
+        full_sun = float(np.quantile(of_wide, FULL_SUN)) if len(of_wide) else 0.0
+        known[len(ring) :] = False
+        known[known] = shadows.in_recorded_sun(points[known], pending.time_s, recorded)
+        return GroundBeside(points[known], shadows.ring_owner[known[: len(ring)]], brightness[known], full_sun)
