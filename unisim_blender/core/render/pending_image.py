@@ -22,7 +22,7 @@ from ..world.drive import Actor, Camera
 from ..world.replay import WorldState
 from .ground_fill import GroundFill
 from .quality import Quality
-from .sun_shadow import GroundBeside, SunShadows
+from .sun_shadow import GroundBeside, SunPatch, SunShadows
 from .tracer import Backend, Maps, Tracer
 
 FINISHING_MAPS = {"depth", "instance"}
@@ -50,6 +50,8 @@ class PendingImage:
     """Shadows that edits have moved, where the sun is known."""
     beside: GroundBeside | None = None
     """The ground beside what has changed, once it is needed."""
+    patches: dict[str, list[SunPatch]] = field(default_factory=dict)
+    """Shade on the ground of actors that are lit for where they stand, here and where they were recorded, by their ids."""
     begun: float = field(default_factory=time.perf_counter)
     stats: RenderStats = field(default_factory=RenderStats)
     launched: Callable[[RenderStats], Maps | None] | None = None

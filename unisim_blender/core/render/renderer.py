@@ -419,6 +419,8 @@ class Renderer:
         image = self._bound.exposed(image, pending.camera.sensor_id, pending.time_s)
         if mesh_hits is not None and traced.mesh_opacity is not None:
             image = mesh_hits.over(image, traced.mesh_opacity, u.shape)
+        if pending.shadows is not None and pending.shadows.relit and _alone(tracer):
+            image = self._frame_shadows.relit(pending, flat, image, traced.maps)
         if pending.displaced:
             self._fade(pending, cells, flat, up, image, traced.maps)
         return image, traced.maps
