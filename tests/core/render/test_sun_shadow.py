@@ -18,8 +18,9 @@ from unisim_blender.core.meshes.hits import MeshActors
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
 from unisim_blender.core.render.changes import RenderedState, changed_regions
+from unisim_blender.core.render.frame_shadows import FrameShadows
 from unisim_blender.core.render.lattice import Region
-from unisim_blender.core.render.sun_shadow import GroundBeside, capped, sun_shadows
+from unisim_blender.core.render.sun_shadow import ACTORS_FACING, ON_ACTORS, GroundBeside, capped, sun_shadows
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.world.drive import Actor, Box
 from unisim_blender.core.world.encoding import decode_state, encode_state
@@ -27,6 +28,7 @@ from unisim_blender.core.world.light import Sun, SunKeys, Sunlight
 from unisim_blender.core.world.replay import WorldState
 from unisim_street.street import build_street
 from unisim_street.street_truth import StreetTruth
+from unisim_street.truth import truth_camera
 
 SAMPLE = Path(__file__).parents[3] / "sample" / "scene"
 SUN = Sun(30.0, 45.0, (0.7, 0.6, 0.5))
@@ -127,6 +129,33 @@ def test_what_is_as_dark_as_a_recorded_shadow_is_lifted_to_the_ground_beside_and
     assert (capped(wanted, brightness, np.full(4, np.nan)) == 1).all()
 
 
+def test_an_actor_has_the_sun_of_where_it_stands_by_the_ground_on_which_its_shadow_falls() -> None:
+    recorded = replace(CAR, world_from_actor=Trajectory(np.zeros(1), np.array([[40.0, 0, 0.75]]), EGO.quaternions_wxyz))
+    here = sun_shadows(
+        WorldState(0.0, 0.0, EGO, (CAR,), light=Sunlight(SUN, ("car",))), tiny_drive().cameras["front"],
+        {"car": recorded}, {"car": Box(recorded.world_from_actor.poses[0], CAR.size_m)},
+    )  # fmt: skip
+    assert here is not None
+    (relit,) = here.relit
+    places = np.concatenate([each[2] for each in relit.grounds])
+    beside = GroundBeside(places[:1], np.array([0]), np.array([0.4]), 0.4)
+    # in shade where x < 0 about the new place, in the sun about the recorded one
+    brightness = np.where(places[:, 0] < 0, 0.4 * 0.4, 0.4)
+    patches = here.patches(relit, places, np.ones(len(places), bool), brightness, beside)
+    assert patches[1].visible.min() == 1 and patches[0].visible.min() == 0 and patches[0].visible.max() == 1
+    # the third's shadow falls into the shade, 1.3 m away from the sun; the fourth's does not
+    points = np.array([[-1.5, 0, 0.0], [1.5, 0, 0], [0.5, 0, 1.5], [1.9, 0, 1.5]])
+    up = Rays(points, np.repeat([[0.0, 0, 1]], 4, 0), np.zeros(4))
+    ratio = np.array(SUN.strength) / (1 - np.array(SUN.strength))
+    less = 1 / (1 + ON_ACTORS * ACTORS_FACING * ratio)
+    gain = here.gain(relit, patches, up, lambda points: points[:, 2])
+    np.testing.assert_allclose(gain, [less, np.ones(3), less, np.ones(3)], rtol=1e-9)
+    down = replace(up, directions=-up.directions)
+    assert (here.gain(relit, patches, down, lambda points: points[:, 2]) == 1).all()
+    nobody_knows = here.patches(relit, places, np.zeros(len(places), bool), brightness, beside)
+    assert (here.gain(relit, nobody_knows, up, lambda points: points[:, 2]) == 1).all()
+
+
 def test_ground_beside_one_changed_box_says_nothing_of_another() -> None:
     both = GroundBeside(np.array([[0.0, 3, 0], [1, 3, 0]]), np.array([0, 1]), np.array([0.4, 0.1]), 0.45)
     np.testing.assert_array_equal(both.level(np.array([[1.0, 3, 0]] * 3), np.array([0, 1, 2])), [0.4, 0.1, np.nan])
@@ -190,6 +219,31 @@ def test_shadows_of_a_stated_sun_are_nearer_to_the_truth(
     assert 10 * np.log10(errors[0] / errors[1]) > least_db
 
 
+@pytest.mark.parametrize(
+    ("actor", "place", "yaw_deg", "frame", "least_db"),
+    [("car-13", [28, -2.6, 0.7], 180, 14, 2.5), ("car-10", [22, 3.2, 0.7], 0, 12, 1.0)],
+    ids=["from the sun into a building's shade", "from there into the sun"],
+)
+def test_a_moved_car_is_nearer_to_the_truth_in_the_light_of_where_it_stands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, actor: str, place: list[float], yaw_deg: float, frame: int,
+    least_db: float,
+) -> None:  # fmt: skip
+    move = {"type": "move", "actor": actor, "pose": {"position": place, "yaw_deg": yaw_deg}}
+    path, street, errors = written(tmp_path, "moved", edits=[move], light=LIGHT), build_street(), []
+    plan, _ = plan_scenario(path, RenderOptions(quality="fast"))
+    renderer, camera = plan.recipe.load(), plan.captures.camera("front_camera")
+    time_s = camera.time_s[frame]
+    true = truth_camera(street, prepare_scenario(path).edited, "front_camera", frame)
+    for _ in range(2):
+        image = renderer.render(plan.captures.state(camera, time_s), camera, time_s, ("rgb", "instance"))
+        numbers = image.instances.index(actor) + 1, true.instances.index(actor) + 1
+        mine = np.asarray(image.instance == numbers[0]) & np.asarray(true.instance == numbers[1])
+        assert mine.sum() > 500
+        errors.append(float(np.mean((image.rgb - true.rgb)[mine] ** 2)))
+        monkeypatch.setattr(FrameShadows, "relit", lambda self, pending, rays, image, maps: image)
+    assert 10 * np.log10(errors[1] / errors[0]) > least_db
+
+
 def test_parts_have_the_bits_of_the_whole_and_nothing_else_changes(tmp_path: Path) -> None:
     remove = {"type": "remove", "actor": "car-12"}
     weather = {"rain_mm_h": 10}
@@ -198,13 +252,14 @@ def test_parts_have_the_bits_of_the_whole_and_nothing_else_changes(tmp_path: Pat
         plan, _ = plan_scenario(written(tmp_path, name, **members), RenderOptions(quality="fast"))
         return DriveFrames(plan.recipe.load(), plan.drive)
 
-    plain, lit = frames("plain", edits=[]), frames("lit", edits=[NEW, remove], light=LIGHT)
+    move = {"type": "move", "actor": "car-13", "pose": {"position": [24, -0.4, 0.7], "yaw_deg": 180}}
+    plain, lit = frames("plain", edits=[]), frames("lit", edits=[NEW, remove, move], light=LIGHT)
     camera = plain.captures.camera("front_camera", 240)
     time_s, size = camera.time_s[4], (240, 135)
     unlit = frames("unedited", edits=[], light=LIGHT).state(camera, time_s)
     assert unlit == plain.state(camera, time_s)
     assert lit.state(lit.captures.lidar("pandar64"), 0.4).light is None
-    for scene in (lit, frames("rain", edits=[NEW, remove], light=LIGHT, weather=weather)):
+    for scene in (lit, frames("rain", edits=[NEW, remove, move], light=LIGHT, weather=weather)):
         state = scene.state(camera, time_s)
         whole = scene.renderer.render(state, camera, time_s).rgb
         part = scene.renderer.render(state, camera, time_s, region=Region(30, 50, 200, 120)).rgb

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from ..sensors.frames import RenderStats
 from ..sensors.rays import Rays
 from .contact_shadow import dimmed, shaded
 from .pending_image import Binding, PendingImage, colours_at
-from .sun_shadow import FULL_SUN, GroundBeside, SunShadows, around
+from .sun_shadow import FULL_SUN, GroundBeside, Relit, SunPatch, SunShadows, around
 from .tracer import NEAR_M, Backend, Maps, Tracer
 
 
@@ -71,19 +72,50 @@ class FrameShadows:
         tracers = {name: self._blockers[name].tracer(state, pending.tracer.quality) for name, state in states.items()}
         uids = pending.tracer.active.uids
 
-        def beside() -> GroundBeside:
-            if pending.beside is None:
-                pending.beside = self._ground_beside(pending, shadows, tracers["recorded"])
-            return pending.beside
-
         brightness = linear_from_srgb(rgb[solid]).mean(1).astype(np.float64)
         out[solid] = shadows.factors(
-            points, rays.time_s, uids, instance[solid], facing, tracers, brightness, beside
+            points, rays.time_s, uids, instance[solid], facing, tracers, brightness,
+            partial(self._beside, pending, shadows, tracers["recorded"]),
         )  # fmt: skip
         return out
 
-    def _ground_beside(self, pending: PendingImage, shadows: SunShadows, recorded: Tracer[Any]) -> GroundBeside:
+    def relit(self, pending: PendingImage, rays: Rays, image: NDArray[np.float32], maps: Maps) -> NDArray[np.float32]:
+        """Return the image (h, w, 3) of flat rays (h w,), with actors that edits have moved lit for where they stand."""
+        shadows, tracer, light = pending.shadows, pending.tracer, np.ones((len(rays.time_s), 3))
+        assert shadows is not None
+        for each in shadows.relit:
+            uid, uids = each.actors[0].uid, tracer.active.uids
+            mine = maps["instance"] == (uids.index(uid) + 1 if uid in uids else -1)
+            some = np.flatnonzero(mine & np.isfinite(maps["depth"]))
+            if not len(some):
+                continue
+            if uid not in pending.patches:
+                pending.patches[uid] = self._patches(pending, shadows, each)
+            part = Rays(rays.origins[some], rays.directions[some], rays.time_s[some])
+            points = part.origins + part.directions * maps["depth"][some, None].astype(np.float64)
+            facing = tracer.trace(part, {"normal"}, False, None, RenderStats()).maps["normal"].astype(np.float64)
+            at = Rays(points, facing, part.time_s)
+            light[some] = shadows.gain(each, pending.patches[uid], at, tracer.heights)
+        return dimmed(image, light.reshape(image.shape))
+
+    def _patches(self, pending: PendingImage, shadows: SunShadows, relit: Relit) -> list[SunPatch]:
+        """Return the shade on the grounds on which an actor's shadows fall."""
+        recorded, bare = (
+            self._blockers[name].tracer(state, pending.tracer.quality)
+            for name, state in (("recorded", shadows.recorded), ("bare", shadows.bare))
+        )
+        points = np.concatenate([ground[2] for ground in relit.grounds])
+        points[:, 2] -= bare.heights(points)
+        rgb, depth = colours_at(pending, points, self._blockers["bare"], bare)
+        known = (depth < 2 * PROBE_M) & shadows.is_open(points)
+        known[known] = shadows.in_recorded_sun(points[known], pending.time_s, recorded)
+        brightness = linear_from_srgb(rgb).mean(1).astype(np.float64)
+        return shadows.patches(relit, points, known, brightness, self._beside(pending, shadows, recorded))
+
+    def _beside(self, pending: PendingImage, shadows: SunShadows, recorded: Tracer[Any]) -> GroundBeside:
         """Return the ground beside what has changed, in the camera's colours."""
+        if pending.beside is not None:
+            return pending.beside
         tracer = self._blockers["bare"].tracer(shadows.bare, pending.tracer.quality)
         ring, wide = shadows.ring, around(pending.camera.world_from_camera.at(pending.time_s)[:3, 3])
         points = np.concatenate([ring, wide])
@@ -95,4 +127,7 @@ class FrameShadows:
         full_sun = float(np.quantile(of_wide, FULL_SUN)) if len(of_wide) else 0.0
         known[len(ring) :] = False
         known[known] = shadows.in_recorded_sun(points[known], pending.time_s, recorded)
-        return GroundBeside(points[known], shadows.ring_owner[known[: len(ring)]], brightness[known], full_sun)
+        pending.beside = GroundBeside(
+            points[known], shadows.ring_owner[known[: len(ring)]], brightness[known], full_sun
+        )
+        return pending.beside

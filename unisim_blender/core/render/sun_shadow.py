@@ -1,8 +1,10 @@
-"""Shadows of the sun that edits move: of actors that were inserted, displaced or removed, on all that a camera sees.
+"""Shadows of the sun that edits move: of actors that were inserted, displaced or removed, on all that a camera sees; and the
+sun on these actors themselves.
 
 A pixel's light is (A + S V): A of the sky and of all around, S of the sun, V whether the sun is seen. An edit changes V
 alone, so a pixel's linear colour changes by (A + S V') / (A + S V). V is traced twice, through the parked actors of the
-recording and through those that stand now. Shade of all else is where the ground of the recording is dark.
+recording and through those that stand now. Shade of all else is where the ground of the recording is dark: a place above
+the ground sees the sun where the ground does on which its own shadow falls.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import BoolArray, FloatArray, invert_pose, points_in_box, transform_points
+from ..geometry import BoolArray, FloatArray, Trajectory, box_corners, invert_pose, points_in_box, transform_points
 from ..sensors.frames import RenderStats
 from ..sensors.rays import Rays
 from ..weather.wet_ground import GROUND_M
@@ -49,6 +51,11 @@ is, in shade; and than ground beside, in the recorded shadow of what is gone. Wh
 filled that in, often without a shadow."""
 NEAREST = 9
 """Number of places that a point is compared with."""
+ON_ACTORS, ACTORS_FACING = 0.3, 0.5
+"""Part of the sun's strength by which an actor's light changes, and the largest sunlight on its surface relative to level
+ground's: the scene's own light follows the ground in part, and lacquer and glass mirror the sky. Fitted on streets."""
+PATCH_SPACING_M, PATCH_MARGIN_M, CAST_M = 0.5, 1.0, 10.0
+"""Spacing of places where the ground's shade is looked up, how far beyond an actor's shadow, and the longest way to it."""
 
 
 class _Blocker(NamedTuple):
@@ -83,6 +90,45 @@ class GroundBeside(NamedTuple):
                 out[part] = np.median(self.brightness[of][nearest], 1)
         return out
 
+    def sunlit(self, levels: FloatArray, sun: Sun) -> FloatArray:
+        """Return how surely (N,) in 0..1 ground of a brightness (N,) is not in shade; NaN counts as in the sun."""
+        darker = self.full_sun / np.maximum(np.nan_to_num(levels, nan=self.full_sun), 1e-4)
+        return 1 - _is_darker(darker, np.full(len(darker), 1 / (1 - np.mean(sun.strength))), SHADE)
+
+
+@dataclass(frozen=True)
+class SunPatch:
+    """How much of the sun the ground sees past what stands still, 0 to 1, in a rectangle of places (X, Y), `PATCH_SPACING_M`
+    apart in the world; the first is at ``low`` (2,). NaN where no ground is known."""
+
+    low: FloatArray
+    visible: FloatArray
+
+    def at(self, points: FloatArray) -> FloatArray:
+        """Return what is seen at points (N, 3), world frame: bilinear, and beyond the rectangle as at its edge."""
+        place = np.clip((points[:, :2] - self.low) / PATCH_SPACING_M, 0, np.array(self.visible.shape) - 1)
+        x, y = np.minimum(place.astype(np.int64), np.array(self.visible.shape) - 2).T
+        (u, v), values = place.T - (x, y), self.visible
+        rows = (values[i, y] * (1 - v) + values[i, y + 1] * v for i in (x, x + 1))
+        return np.asarray(next(rows) * (1 - u) + next(rows) * u)
+
+
+class Relit(NamedTuple):
+    """An actor that stands elsewhere than in the recording, and as it stood there; and the rectangles of ground on which their
+    shadows fall: the first place (2,), how many along x and y, and all (N, 3)."""
+
+    actors: tuple[Actor, Actor]
+    grounds: tuple[tuple[FloatArray, tuple[int, int], FloatArray], ...]
+
+    def where_recorded(self, at: Rays) -> Rays:
+        """Return points of the actor, and directions there, where it was recorded."""
+        actor, recorded = self.actors
+        here, there = (each.world_from_actor.at(at.time_s) for each in self.actors)
+        local = np.einsum("nji,nj->ni", here[:, :3, :3], at.origins - here[:, :3, 3]) / actor.scale * recorded.scale
+        places = np.einsum("nij,nj->ni", there[:, :3, :3], local) + there[:, :3, 3]
+        turned = np.einsum("nij,nkj,nk->ni", there[:, :3, :3], here[:, :3, :3].swapaxes(1, 2), at.directions)
+        return Rays(places, turned, at.time_s)
+
 
 @dataclass
 class SunShadows:
@@ -99,6 +145,10 @@ class SunShadows:
     """Places (M, 3) beside what has changed, world frame, at the height of its underside."""
     ring_owner: NDArray[np.int64]
     """Number (M,) of the changed box that each is beside."""
+    relit: tuple[Relit, ...]
+    """Actors that are lit for where they stand."""
+    parked: tuple[Box, ...]
+    """Boxes of the recording's parked actors: nobody saw the ground in them."""
     _blockers: tuple[tuple[_Blocker, ...], tuple[_Blocker, ...]]
 
     def factors(
@@ -144,8 +194,7 @@ class SunShadows:
         if moved.any():
             ring = beside()
             levels[moved] = ring.level(points[some][moved], owner[some][moved])
-            darker = ring.full_sun / np.maximum(np.nan_to_num(levels[moved], nan=ring.full_sun), 1e-4)
-            sunlit = 1 - _is_darker(darker, np.full(len(darker), 1 / (1 - np.mean(self.sun.strength))), SHADE)
+            sunlit = ring.sunlit(levels[moved], self.sun)
             now[moved], before[moved] = now[moved] * sunlit, before[moved] * sunlit
         level = np.zeros(len(points), bool)
         level[some] = (which[some] == 0) & (np.abs(tracers["edited"].heights(points[some])) < GROUND_M)
@@ -161,6 +210,43 @@ class SunShadows:
         lighter = factors.max(1) > 1
         factors[lighter] = capped(factors[lighter], brightness[some][lighter], levels[lighter])
         out[some] = factors
+        return out
+
+    def gain(
+        self, relit: Relit, patches: Sequence[SunPatch], at: Rays, heights: Callable[[FloatArray], FloatArray]
+    ) -> FloatArray:
+        """Return the factors (N, 3) by which the sun's light on an actor, at points and times (N,) and with unit normals that
+        ``at`` has as origins and directions, differs from that on it where it was recorded. ``patches`` are the shade on both
+        grounds, ``heights`` returns heights of points above the ground."""
+        toward, strength = self.sun.direction, np.array(self.sun.strength)
+        light = []
+        for here, patch in zip((at, relit.where_recorded(at)), patches, strict=True):
+            cast = np.clip(heights(here.origins) / toward[2], 0, CAST_M)[:, None] * toward
+            weight = ON_ACTORS * np.clip(here.directions @ toward / toward[2], 0, ACTORS_FACING)
+            light.append(1 + strength / (1 - strength) * (weight * patch.at(here.origins - cast))[:, None])
+        return np.nan_to_num(light[0] / light[1], nan=1.0)
+
+    def is_open(self, points: FloatArray) -> BoolArray:
+        """Return which points (N, 3) lie in no parked actor of the recording: nobody saw the ground below."""
+        out = np.ones(len(points), bool)
+        for box in self.parked:
+            out &= ~points_in_box(points, box.world_from_box, np.asarray(box.size_m) + BESIDE_M)
+        return out
+
+    def patches(
+        self, relit: Relit, points: FloatArray, known: BoolArray, brightness: FloatArray, beside: GroundBeside
+    ) -> list[SunPatch]:
+        """Return the shade on the grounds (N, 3) of an actor, by their linear brightness (N,), where that is ``known``."""
+        ends = np.cumsum([len(ground[2]) for ground in relit.grounds])
+        out = []
+        for (low, shape, _), end in zip(relit.grounds, ends, strict=True):
+            part = slice(end - shape[0] * shape[1], end)
+            there, none = known[part], np.zeros(shape[0] * shape[1], np.int64)
+            ground = GroundBeside(points[part][there], none[there], brightness[part][there], beside.full_sun)
+            levels = ground.level(points[part], none)
+            out.append(
+                SunPatch(low, np.where(np.isnan(levels), np.nan, ground.sunlit(levels, self.sun)).reshape(shape))
+            )
         return out
 
     def in_recorded_sun(self, points: FloatArray, time_s: float, tracer: Tracer[Any]) -> BoolArray:
@@ -234,7 +320,9 @@ def sun_shadows(
     now += [_blocker(copy_box(copy), True) for copy in state.static_copies]
     before = [_blocker(parked[uid], True) for uid in sorted(removed | replaced & set(standing))]
     before += [_blocker(copy_box(copy), True) for copy in statics]
-    places = np.array([b.poses[0, :3, 3] for b in (*now, *before)])
+    relit = tuple(each for actor in actors for each in _relit(actor, state, recorded, state.light.sun))
+    stood = [each.actors[1].world_from_actor.positions[0] for each in relit]
+    places = np.array([*(b.poses[0, :3, 3] for b in (*now, *before)), *stood])
     near = [
         uid
         for uid in standing
@@ -259,8 +347,36 @@ def sun_shadows(
         actors,
         replace(bare, removed_boxes=state.removed_boxes),
         *_ring([b for b in (*now, *before) if b.changed], [parked[uid] for uid in near]),
+        relit,
+        tuple(parked[uid] for uid in sorted(parked)),
         (tuple([*now, *beside]), tuple([*before, *beside])),
     )
+
+
+def _relit(actor: Actor, state: WorldState, recorded: Mapping[str, Actor], sun: Sun) -> Iterator[Relit]:
+    """Yield what lights an actor for where it stands, of one that this scene has recorded."""
+    source = recorded.get(actor.appearance.actor)
+    if source is None or actor.appearance.scene or actor.appearance.mesh or not sun.casts:
+        return
+    times = np.array([state.start_s, (state.start_s + state.end_s) / 2, state.end_s])
+    keys = source.world_from_actor.times_s
+    pose = source.world_from_actor.at(np.clip(times[1:2], keys[0], keys[-1]))
+    stood = replace(source, world_from_actor=Trajectory.from_poses(times[1:2], pose))
+    grounds = (_cast_on(actor.world_from_actor.at(times), actor.size_m, sun), _cast_on(pose, source.size_m, sun))
+    yield Relit((actor, stood), grounds)
+
+
+def _cast_on(poses: FloatArray, size_m: FloatArray, sun: Sun) -> tuple[FloatArray, tuple[int, int], FloatArray]:
+    """Return the rectangle of places on which the shadows of a box at poses (K, 4, 4) fall, if nothing is higher than its
+    underside: the first (2,), how many there are along x and y, and all of them (X Y, 3), world frame."""
+    corners = np.concatenate([box_corners(pose, size_m) for pose in poses])
+    low = corners[:, 2].min()
+    cast = np.minimum((corners[:, 2:] - low) / sun.direction[2], CAST_M) * sun.direction
+    ends = np.concatenate([corners, corners - cast])[:, :2]
+    first = np.floor((ends.min(0) - PATCH_MARGIN_M) / PATCH_SPACING_M).astype(np.int64)
+    count = np.ceil((ends.max(0) + PATCH_MARGIN_M) / PATCH_SPACING_M).astype(np.int64) - first + 1
+    cells = (np.indices(count).reshape(2, -1).T + first) * PATCH_SPACING_M
+    return first * PATCH_SPACING_M, (int(count[0]), int(count[1])), np.c_[cells, np.full(len(cells), low)]
 
 
 def capped(factors: FloatArray, brightness: FloatArray, beside: FloatArray) -> FloatArray:
