@@ -70,7 +70,6 @@ class PendingImage:
     """What the ground has where nobody saw it; None where that is to stay as the scene has it."""
     is_fixed: bool = False
     """Whether a fixer draws anew what no recorded image shows."""
-
     lit: dict[int, Actor] = field(default_factory=dict)
     """Actors whose lamps edits switch, by instance."""
 
