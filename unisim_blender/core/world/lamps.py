@@ -86,12 +86,18 @@ class ActorLamp:
         patches = [
             {
                 "axis": patch.axis, "side": patch.side, "low": patch.low.tolist(), "texel_m": patch.texel_m,
-                "shape": patch.share.shape, "colours": patch.colours.tolist(), "share": patch.share.tolist(),
+                "shape": list(patch.share.shape), "colours": patch.colours.tolist(), "share": patch.share.tolist(),
             }
             for patch in self.patches
         ]  # fmt: skip
         shown = {"times_s": self.times_s.tolist(), "shown": self.shown.tolist()}
-        return {"name": self.name, "states": self.states, **shown, "patches": patches, "certainty": self.certainty}
+        return {
+            "name": self.name,
+            "states": list(self.states),
+            **shown,
+            "patches": patches,
+            "certainty": self.certainty,
+        }
 
     @staticmethod
     def from_json(node: Node) -> ActorLamp:
