@@ -43,8 +43,11 @@ class Lamp(Edit):
         own = actor.appearance.scene == actor.appearance.mesh == ""
         lamps = recorded.get(actor.appearance.actor, ()) if own else ()
         if not lamps:
-            known = f"two states of lamps of {listed(recorded)}" if recorded else "no lamp in two states"
-            fail(f"{place}.actor", f'the log shows "{self.actor}" in one state alone; it shows {known}')
+            known = ", ".join(sorted(recorded)) or "none"
+            fail(
+                f"{place}.actor",
+                f'the log shows "{self.actor}" in one state alone; actors with lamps that change: {known}',
+            )
         named = [lamp for lamp in lamps if self.lamp in (None, lamp.name)]
         if len(named) != 1:
             problem = "several lamps" if named else "no such lamp"
