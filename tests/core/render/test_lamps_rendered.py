@@ -23,7 +23,8 @@ from unisim_blender.core.world.encoding import decode_state, encode_state
 from unisim_blender.core.world.lamps import ActorLamp, LampPatch
 
 FRAME = 9
-OTHERWISE = [
+PASSES = ("rgb", "depth", "instance")
+OTHERWISE: list[dict[str, Any]] = [
     {"type": "lamp", "actor": "traffic-light", "state": "green"},
     {"type": "lamp", "actor": "car-01", "lamp": "red", "state": "off", "from_s": 0.5, "to_s": 1.2},
 ]
@@ -44,13 +45,16 @@ def scenario(log_path: Path, edits: list[dict[str, Any]]) -> Path:
 
 def test_an_edited_lamp_is_shown_as_it_truly_is(log_path: Path) -> None:
     frames: dict[tuple[int, str], CameraFrame] = {}
-    options = RenderOptions(frames=str(FRAME), passes=("rgb", "depth", "instance"))
-    for edits in ([], OTHERWISE):
+    options = RenderOptions(frames=str(FRAME), passes=PASSES)
+    cases: list[list[dict[str, Any]]] = [[], OTHERWISE]
+    for edits in cases:
         for name in ("street", "surfel"):
             plan, _ = plan_scenario(scenario(log_path, edits), replace(options, renderer=name))
             renderer = plan.recipe.load()
             moment = plan.moments[0]
-            frames[len(edits), name] = render_capture(renderer, plan.captures, moment.cameras[0], options.passes)
+            frame = render_capture(renderer, plan.captures, moment.cameras[0], PASSES)
+            assert isinstance(frame, CameraFrame)
+            frames[len(edits), name] = frame
     time_s, camera = plan.drive.cameras["front_camera"].time_s[FRAME], plan.drive.cameras["front_camera"]
     lidar = plan.drive.lidars["pandar64"]
     true, shown, plain = frames[2, "street"].rgb, frames[2, "surfel"], frames[0, "surfel"]
@@ -59,6 +63,7 @@ def test_an_edited_lamp_is_shown_as_it_truly_is(log_path: Path) -> None:
     error, before = (float(((image.rgb - true)[lamps] ** 2).mean()) for image in (shown, plain))
     assert 10 * np.log10(before / error) > 3.0
     assert plain.instance is not None and shown.instance is not None
+    assert plain.depth_m is not None and shown.depth_m is not None
     actors = [plain.instances.index(uid) + 1 for uid in ("car-01", "traffic-light")]
     changed = (shown.rgb != plain.rgb).any(-1)
     assert 0 < changed.sum() < 800 and np.isin(plain.instance[changed], actors).all()
@@ -69,10 +74,8 @@ def test_an_edited_lamp_is_shown_as_it_truly_is(log_path: Path) -> None:
     bare = replace(state, actors=tuple(replace(actor, lamps=()) for actor in state.actors))
     assert decode_state(encode_state(state)).digest == state.digest != bare.digest
     region = Region(left=200, top=100, right=420, bottom=180)
-    part = renderer.render(state, camera, time_s, options.passes, region)
-    np.testing.assert_array_equal(
-        part.rgb, renderer.render(state, camera, time_s, options.passes).rgb[100:180, 200:420]
-    )
+    part = renderer.render(state, camera, time_s, PASSES, region)
+    np.testing.assert_array_equal(part.rgb, renderer.render(state, camera, time_s, PASSES).rgb[100:180, 200:420])
     sweeps = [renderer.render(one, lidar, lidar.time_s[FRAME], seed=(1,)) for one in (state, bare)]
     for name in ("depth_m", "intensity", "returned"):
         np.testing.assert_array_equal(*(getattr(sweep, name) for sweep in sweeps))
