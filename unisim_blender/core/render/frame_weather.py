@@ -61,11 +61,10 @@ class FrameWeather:
                 del self._air[next(iter(self._air))]
             frame = self._clear_frame(clear)
             assert frame.depth_m is not None
-            points = (
-                rays.origins + rays.directions * np.where(np.isfinite(frame.depth_m), frame.depth_m, 1e6)[..., None]
-            )
-            low = np.abs(tracer.heights(points.reshape(-1, 3)).reshape(frame.depth_m.shape)) < wet_ground.GROUND_M
-            ground = linear_from_srgb(frame.rgb[low & np.isfinite(frame.depth_m)]) @ camera_weather.LUMINANCE
+            shown = np.isfinite(frame.depth_m) & np.isfinite(rays.directions).all(-1)
+            points = rays.origins[shown] + rays.directions[shown] * frame.depth_m[shown, None]
+            low = np.abs(tracer.heights(points)) < wet_ground.GROUND_M
+            ground = linear_from_srgb(frame.rgb[shown][low]) @ camera_weather.LUMINANCE
             full_sun = float(np.quantile(ground, FULL_SUN)) if len(ground) else 0.0
             air = camera_weather.air_of(frame, small, time_s, probability)
             self._air[key] = air._replace(full_sun=full_sun)

@@ -111,7 +111,8 @@ def shown(
     elevation. Its ``rays`` (H, W) show ``sky`` (H, W) or what stands; ``heights`` returns heights above the ground, and
     ``full_sun`` is the luminance of ground in the sun."""
     assert frame.depth_m is not None and frame.instance is not None
-    light, solid = light_of(elevation_deg), ~sky & np.isfinite(frame.depth_m)
+    light = light_of(elevation_deg)
+    solid = ~sky & np.isfinite(frame.depth_m) & np.isfinite(rays.directions).all(-1)
     colours = linear_from_srgb(frame.rgb)
     out = np.minimum(colours * light.sky, 1)
     seen, instance = colours[solid], frame.instance[solid]
