@@ -71,6 +71,7 @@ STATED: dict[str, dict[str, Any]] = {
         "description": "A drive",
         "outputs": {"passes": ["rgb"], "formats": ["png"], "quality": "fine", "fill": "texture"},
     },
+    "a fixer": {"outputs": {"passes": ["rgb"], "quality": "fine", "fill": "our_fixers:fix"}},
 }
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -447,3 +448,15 @@ def spread_indices(length: int, count: int) -> NDArray[np.int64]:
     if length <= count:
         return np.arange(length)
     return np.unique(np.linspace(0, length - 1, count).round().astype(np.int64))
+
+
+def bilinear(image: NDArray[Any], u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
+    """Return values (N, C) of an image (H, W, C) at points u, v (N,), pixels from its corner, bilinear."""
+    height, width = image.shape[:2]
+    x, y = np.clip(u - 0.5, 0, width - 1), np.clip(v - 0.5, 0, height - 1)
+    column, row = np.minimum(x.astype(np.int64), max(width - 2, 0)), np.minimum(y.astype(np.int64), max(height - 2, 0))
+    fx, fy = (x - column).astype(np.float32)[:, None], (y - row).astype(np.float32)[:, None]
+    right, below = np.minimum(column + 1, width - 1), np.minimum(row + 1, height - 1)
+    top = image[row, column] * (1 - fx) + image[row, right] * fx
+    bottom = image[below, column] * (1 - fx) + image[below, right] * fx
+    return np.asarray(top * (1 - fy) + bottom * fy, np.float32)

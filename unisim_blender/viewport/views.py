@@ -164,7 +164,7 @@ class ViewportImage:
             self.changes,
             scene.unisim.quality,
             scene.unisim.contact_shadows,
-            scene.unisim.fill_ground,
+            scene.unisim.fill,
             weather_and_sun(scene),
             options.mode,
             options.unsupported,

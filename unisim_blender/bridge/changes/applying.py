@@ -17,6 +17,7 @@ from ...core.scenario.edits.ego_body import DEFAULT_LABEL, EgoBody
 from ...core.scenario.motion.placement import pose_of
 from ...core.scenario.sensors.document import CameraSpec, LidarSpec
 from ...core.scenario.types import FRAME_FORMATS, FrameRange, Scenario
+from ...core.sensors.frames import FILLS
 from ...core.world.drive import Actor, Camera, Drive, Lidar
 from ...editing.edits.maneuvers import ManeuverNote
 from ...editing.reading.scenario import names_captures, span_s, stated_text
@@ -88,6 +89,7 @@ def _apply_settings(target: Target) -> None:
         scene.unisim.quality = outputs.quality or "balanced"
         scene.unisim.contact_shadows = bool(outputs.contact_shadows)
         scene.unisim.fill_ground = outputs.fill == "texture"
+        scene.unisim.fixer = "" if outputs.fill in (None, *FILLS) else outputs.fill
 
 
 def apply_static(target: Target) -> None:

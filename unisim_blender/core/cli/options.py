@@ -18,7 +18,6 @@ from ..progress import Bar
 from ..remote.requests import is_url
 from ..render.quality import QUALITIES
 from ..scenes.recipe import pick_device
-from ..sensors.frames import FILLS
 
 PATH = click.Path(path_type=Path)
 QUALITY = click.Choice(list(QUALITIES))
@@ -106,8 +105,9 @@ def render_options(
         "quality": click.option("--quality", type=QUALITY, help=f"Samples per ray. [default: {owner}, or balanced]"),
         "fill": click.option(
             "--fill",
-            type=click.Choice(FILLS),
-            help=f"texture: ground that nobody saw has the texture of the street around it. [default: {owner}, or none]",
+            metavar="NAME",
+            help="texture: ground that nobody saw has the texture of the street around it; or a fixer of images: its name, or "
+            f"module:function. [default: {owner}, or none]",
         ),
         "renderer": click.option("--renderer", help=renderer, **kind),
         "scene": click.option("--scene", type=SourceParam(), help=f"A trained scene, in place of {scene or owner}."),

@@ -18,6 +18,7 @@ from ..errors import ScenarioError, SceneError
 from ..formats.readers import open_log
 from ..presets import methods
 from ..render.captures import CaptureStates
+from ..render.fixers import RecordedFixer
 from ..render.observed_space import Observing
 from ..render.quality import Quality, quality_named
 from ..render.renderer import Renderer, reach_of
@@ -110,8 +111,12 @@ class TrainedMethod(RenderMethod):
         """Load the scene and those that actors were inserted from. Raises `SceneError`."""
         assert recipe.scene is not None
         backend = load_backend(recipe.scene, recipe.others, recipe.quality, recipe.device)
-        fill = ground_fill(backend) if recipe.fill == "texture" and isinstance(backend, Observing) else None
-        return Renderer(backend, recipe.shadows, fill=fill)
+        if recipe.fill == "none" or not isinstance(backend, Observing):
+            return Renderer(backend, recipe.shadows)
+        if recipe.fill == "texture":
+            return Renderer(backend, recipe.shadows, fill=ground_fill(backend))
+        fixer = RecordedFixer(recipe.fill, open_log(recipe.log), recipe.scene.header.drive.cameras)
+        return Renderer(backend, recipe.shadows, fixer=fixer)
 
     def steps(self, recipe: RendererRecipe) -> Iterator[Step]:
         """Trace and fill the ground, step by step, where it is not kept and asked for. Raises `SceneError`."""
@@ -129,7 +134,7 @@ class TrainedMethod(RenderMethod):
 
     def states(self, recipe: RendererRecipe, drive: Drive) -> CaptureStates:
         assert recipe.scene is not None
-        contact = recipe.shadows or recipe.fill != "none"
+        contact = recipe.shadows or recipe.fill == "texture"
         return CaptureStates(DriveStates(drive, recipe.scene.header.parked), reach_of(contact))
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from ..errors import ScenarioError, UnisimError
 from ..render.code_identity import code_identity
+from ..render.fixers import fixer_digest, fixer_named
 from ..scenario import scenario_to_json
 from ..scenario.times import carried_outside, parse_times, scenario_times_us, with_times
 from ..scenario.types import FRAME_FORMATS, SEQUENCE_FORMATS, Outputs, Scenario
@@ -65,7 +66,7 @@ def plan_scenario(
             settings=settings,
             recipe=recipe,
             scenes=method.digests(recipe, drive),
-            environment=dict(recipe.environment),
+            environment={**recipe.environment, **fixer_digest(settings.fill)},
             about=_about(prepared, recipe.scene, settings, options),
             captures=method.states(recipe, drive),
         ),
@@ -132,12 +133,13 @@ def _settings(prepared: PreparedScenario, options: RenderOptions, method: Render
 
 
 def _fill(prepared: PreparedScenario, options: RenderOptions, method: RenderMethod) -> str:
-    """Return how the ground that nobody saw is filled. Raises `UnisimError`."""
+    """Return how what nobody saw is filled. Raises `UnisimError`."""
     fill = options.fill or (prepared.scenario.outputs or Outputs()).fill or "none"
     if fill != "none" and not method.trained:
         raise UnisimError(
             f"--fill {fill}: fills what trained scenes do not know, not the images of --renderer {method.name}"
         )
+    fixer_named(fill)  # a name that is none is refused before anything runs
     return fill
 
 

@@ -51,6 +51,7 @@ class DepthView:
     nearest: NDArray[np.float32]
     farthest: NDArray[np.float32]
     actor: NDArray[np.int16]
+    sensor_id: str = ""
 
     def cells(self, points: NDArray[Any]) -> tuple[NDArray[np.int64], BoolArray]:
         """Return the flat number of the pixel that each point (N, 3) of the view's frame projects to, and whether it does."""
@@ -111,6 +112,21 @@ class RecordedDepth:
 
         alike = [view for view in self.views if (view.model is None) == of_beam]
         return replace(self, views=tuple(sorted(alike, key=distance)[:MAX_VIEWS]))
+
+    def unseen(
+        self, rays: Rays, depth_m: Array, instance: NDArray[np.int32], active: Sequence[Actor | None]
+    ) -> BoolArray:
+        """Return whether no recorded image at all confirms the ends of flat rays (N,), see `evidence`; False for actors that were
+        not recorded."""
+        recorded = [actor is not None and actor.appearance.actor in self.actors for actor in active]
+        left = np.flatnonzero(np.array([True, *recorded])[instance])
+        images = [view for view in self.views if view.model is not None]
+        for view in images:
+            part = Rays(rays.origins[left], rays.directions[left], rays.time_s[left])
+            left = left[replace(self, views=(view,)).evidence(part, depth_m[left], instance[left], active).alike == 0]
+        out = np.zeros(len(depth_m), bool)
+        out[left] = True
+        return out
 
     def evidence(
         self, rays: Rays, depth_m: Array, instance: NDArray[np.int32], active: Sequence[Actor | None]

@@ -74,8 +74,8 @@ class FrameWeather:
 def put_in_weather(
     pending: PendingImage, bound: Binding, frame: CameraFrame, rows: slice, columns: slice, preview: bool = False
 ) -> None:
-    """Change a frame's colours by the state's weather, a preview's without particles, and leave out maps that only the
-    weather needs. The frame is of these rows and columns of the image."""
+    """Change a frame's colours by the state's weather, a preview's without particles. The frame is
+    of these rows and columns of the image."""
     weather, air = pending.state.weather, pending.air
     if air is None or weather is None:
         return
@@ -102,10 +102,6 @@ def put_in_weather(
             sprayed = pending.puffs.image_depth(pending.camera, pending.time_s, frame.depth_m, rows, columns)
     drawn = None if preview else pending.particles
     frame.rgb = camera_weather.weathered(frame, weather, air, drawn, rows, columns, size, sprayed)
-    if preview or "depth" not in pending.passes:
-        frame.depth_m = frame.z_depth_m = None
-    if preview or "instance" not in pending.passes:
-        frame.instance = None
 
 
 def mirrored(pending: PendingImage, bound: Binding, air: camera_weather.Air) -> wet_ground.Mirror:

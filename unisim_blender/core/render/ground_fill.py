@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import BoolArray, FloatArray, transform_points
+from ..geometry import BoolArray, FloatArray, bilinear, transform_points
 from .tracer import Array
 
 FILL_VERSION = 1
@@ -58,26 +58,22 @@ class GroundFill:
 
     def _at(self, values: Array, points: FloatArray) -> Array:
         """Return values (..., C) at points (..., 3), bilinear between texels; 0 outside of the map."""
-        flat = transform_points(self.grid_from_world, points.reshape(-1, 3))[:, :2] / self.texel_m - 0.5
-        limits = np.array(values.shape[:2]) - 1
-        number = np.flatnonzero(((flat >= 0) & (flat <= limits)).all(1))
-        low = np.minimum(flat[number].astype(np.int64), np.maximum(limits - 1, 0))
-        u, v = (flat[number] - low).astype(np.float32).T[..., None]
-        (i, j), (k, m) = low.T, np.minimum(low + 1, limits).T
-        out = np.zeros((len(flat), values.shape[2]), np.float32)
-        out[number] = (1 - u) * ((1 - v) * values[i, j] + v * values[i, m])
-        out[number] += u * ((1 - v) * values[k, j] + v * values[k, m])
+        v, u = transform_points(self.grid_from_world, points.reshape(-1, 3))[:, :2].T / self.texel_m
+        height, width = values.shape[:2]
+        number = np.flatnonzero((v >= 0.5) & (v <= height - 0.5) & (u >= 0.5) & (u <= width - 0.5))
+        out = np.zeros((len(u), values.shape[2]), np.float32)
+        out[number] = bilinear(values, u[number], v[number])
         return out.reshape(*points.shape[:-1], -1)
 
 
 def share_of(known: BoolArray, seen: BoolArray, texel_m: float) -> Array:
     """Return how much of the map (X, Y, 1) is filled: texels that were not ``seen`` (X, Y), beside those that are ``known``."""
-    wanted = (_around(known, round(FILLED_M / texel_m)) > 0) & (_around(seen, UNSURE_TEXELS) == 0)
-    grown = _around(wanted, FEATHER_TEXELS // 2) / FEATHER_TEXELS**2
+    wanted = (marked_around(known, round(FILLED_M / texel_m)) > 0) & (marked_around(seen, UNSURE_TEXELS) == 0)
+    grown = marked_around(wanted, FEATHER_TEXELS // 2) / FEATHER_TEXELS**2
     return np.where(seen, 0, grown)[..., None].astype(np.float32)
 
 
-def _around(marked: BoolArray, reach: int) -> NDArray[np.int64]:
+def marked_around(marked: BoolArray, reach: int) -> NDArray[np.int64]:
     """Return how many of the texels within ``reach`` rows and columns of each are marked (X, Y)."""
     total = np.pad(marked.astype(np.int64), ((reach + 1, reach), (reach + 1, reach))).cumsum(0).cumsum(1)
     side = 2 * reach + 1

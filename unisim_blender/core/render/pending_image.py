@@ -25,6 +25,9 @@ from .quality import Quality
 from .sun_shadow import GroundBeside, SunPatch, SunShadows
 from .tracer import Backend, Maps, Tracer
 
+FINISHING_MAPS = {"depth", "instance"}
+"""Maps of an image that weather and fixers need."""
+
 
 @dataclass
 class PendingImage:
@@ -65,6 +68,8 @@ class PendingImage:
     """Drops and flakes in the image, once they are drawn."""
     fill: GroundFill | None = None
     """What the ground has where nobody saw it; None where that is to stay as the scene has it."""
+    is_fixed: bool = False
+    """Whether a fixer draws anew what no recorded image shows."""
 
     @property
     def is_shaded(self) -> bool:
@@ -75,6 +80,11 @@ class PendingImage:
     def needs_rays(self) -> bool:
         """Whether the frame is finished by its rays: for shadows, for filled ground and for confidence."""
         return self.is_drawn_on or "confidence" in self.passes
+
+    @property
+    def shown(self) -> set[str]:
+        """The maps that the frame has until it is finished: the passes, and what weather and a fixer need."""
+        return {*self.passes, *(FINISHING_MAPS if self.is_fixed or self.air is not None else ())}
 
     @property
     def is_drawn_on(self) -> bool:
@@ -99,11 +109,15 @@ class Binding:
 
     def exposed(self, image: NDArray[np.float32], camera_id: str, time_s: float) -> NDArray[np.float32]:
         """Return a camera's image, or its colours (..., 3), exposed as a trained scene's images around its time are."""
+        gain = self.gain(camera_id, time_s)
+        return image if gain is None else np.minimum(image * gain, np.float32(1))
+
+    def gain(self, camera_id: str, time_s: float) -> NDArray[np.float32] | None:
+        """Return the gain (3,) of a trained scene's images around a time; None where there is none."""
         exposures: Exposures | None = getattr(self.backend, "exposures", None)
         if exposures is None or camera_id not in exposures.by_camera:
-            return image
-        gain = exposures.at(camera_id, np.array([time_s]))[0].astype(np.float32)
-        return np.minimum(image * gain, np.float32(1))
+            return None
+        return exposures.at(camera_id, np.array([time_s]))[0].astype(np.float32)
 
     def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
         """See `tracer.Backend`."""

@@ -87,7 +87,7 @@ def _empty_view(sensor: Camera | Lidar, time_s: float) -> tuple[DepthView, Rays]
     if isinstance(sensor, Camera):
         small = sensor.resized(min(IMAGE_COLUMNS, sensor.model.width))
         rays = camera_rays(small, time_s, *pixel_grid(small.model))
-        return DepthView(time_s, pose, small.model, 0.0, 0.0, *none), rays
+        return DepthView(time_s, pose, small.model, 0.0, 0.0, *none, sensor.sensor_id), rays
     low, high = float(sensor.model.elevation_rad.min()), float(sensor.model.elevation_rad.max())
     row_rad = max((high - low) / (SWEEP_ROWS - 1), 1e-4)
     elevation = low + row_rad * np.arange(SWEEP_ROWS)[:, None]

@@ -7,6 +7,7 @@ Tracer.trace                samples, fields, depth order, passes
 Tracer.image, returns       features to pixels, to intensity and returns
 filled_image                ground that nobody saw        frame_fill.py
 FrameShadows, fill_passes   shadows, cells to pixels      frame_shadows.py, lattice.py
+RecordedFixer.fix           what no recorded image shows         fixers.py
 put_in_weather              weather                       frame_weather.py
 
 Numpy alone: whatever a backend computes with, the renderer is given it. A renderer knows neither drives nor frames:
@@ -37,20 +38,21 @@ from ..world.drive import Actor, Camera, Lidar
 from ..world.replay import WorldState
 from .confidence import RecordedDepth, ViewEvidence, probability
 from .contact_shadow import SHADOW_CUTOFF_M, dimmed, displaced, faded
+from .fixers import RecordedFixer
 from .frame_fill import filled_image, filled_intensity
 from .frame_shadows import FrameShadows
 from .frame_weather import FrameWeather, put_in_weather, sweep_in_weather
 from .ground_fill import GroundFill
 from .lattice import NEAR_BOXES, Region, SparseImage, Tile, aligned, fill_passes, progressive_strides
-from .pending_image import Binding, PendingImage, colours_at, ground_of
+from .pending_image import FINISHING_MAPS, Binding, PendingImage, colours_at, ground_of
 from .sun_shadow import sun_shadows
 from .tracer import NEAR_M, Array, Backend, Maps, Tracer
 from .visibility import Reach
 
 MAX_LATTICE_SPACING_PX = 1.5
 """Widest spacing of a lattice, in pixels of the images that the scene was trained on."""
-WEATHER_MAPS = {"depth", "instance"}
-"""Maps of an image that weather needs."""
+WHOLE_IMAGE_PX = 2**20
+"""Margin, in pixels, that is the whole of any image."""
 MIN_PREVIEW_WIDTH_PX = 16
 """Smallest width of a preview, in pixels."""
 
@@ -60,7 +62,8 @@ class Renderer:
 
     ``shadows`` adds contact shadows under inserted actors. ``lighting`` is the backend that traces the ground around
     meshes, from which they are lit, where ``backend`` shows only part of it. ``recorded_depth`` is what confidence is
-    computed from, where it is at hand. ``fill`` is what the ground has where nobody saw it.
+    computed from, where it is at hand. ``fill`` is what the ground has where nobody saw it, ``fixer`` what draws anew
+    what no recorded image shows.
     """
 
     def __init__(
@@ -70,8 +73,10 @@ class Renderer:
         lighting: Backend | None = None,
         recorded_depth: RecordedDepth | None = None,
         fill: GroundFill | None = None,
+        fixer: RecordedFixer | None = None,
     ) -> None:
         self.backend, self.shadows, self._recorded_depth, self.fill = backend, shadows, recorded_depth, fill
+        self.fixer = fixer
         self._bound = Binding(backend)
         self._behind = Binding(backend)
         self._frame_shadows = FrameShadows(backend)
@@ -158,6 +163,10 @@ class Renderer:
     ) -> Iterator[Tile]:
         camera, passes = pending.camera, pending.passes
         whole, model = Region.of_image(camera.model), camera.model
+        if pending.is_fixed and (region != whole or coarse or band is not None):
+            (tile,) = self._tiles(pending, whole)
+            yield Tile(tile.frame.cropped(*region), region)
+            return
         if _alone(pending.tracer):
             yield from self._on_lattice(pending, region, coarse, band)
             return
@@ -183,9 +192,10 @@ class Renderer:
 
     def margin(self, state: WorldState) -> int:
         """Return the number of pixels beside a ray's own that depend on it: the reach of the decoder, and the lattice's
-        blocks."""
+        blocks; all of them for a fixer."""
         tracer = self.tracer(state)
-        return tracer.upsample * (tracer.reach + 1) + 2 * self.quality.lattice
+        beside = tracer.upsample * (tracer.reach + 1) + 2 * self.quality.lattice
+        return beside if self.fixer is None else WHOLE_IMAGE_PX
 
     def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
         """Return whether what stands is rendered with the same bits at all times between two; see `tracer.Backend`."""
@@ -198,6 +208,7 @@ class Renderer:
             state.weather is None
             and state.light is None
             and self.fill is None
+            and self.fixer is None
             and _alone(tracer)
             and not tracer.active.mesh_actors.seen_by(camera).actors
             and not self._shadowing(state, camera)
@@ -227,10 +238,10 @@ class Renderer:
         }
         drawn_on = bool(shadowing or moved or shadows or self.fill is not None)
         needed = _needed(self._with_evidence(passes), drawn_on)
-        needed |= WEATHER_MAPS if state.weather is not None else set()
+        needed |= FINISHING_MAPS if state.weather is not None or self.fixer is not None else set()
         undeciding = needed - _needed(set(passes) - {"confidence"}, False)
         pending = PendingImage(tracer, state, camera, time_s, passes, needed, undeciding, shadowing, moved, shadows)
-        pending.fill = self.fill
+        pending.fill, pending.is_fixed = self.fill, self.fixer is not None
         if state.weather is not None:
             pending.air = self._frame_weather.air(state, camera, time_s, self.quality)
         return pending
@@ -241,9 +252,16 @@ class Renderer:
         return tile.frame
 
     def _finished(self, pending: PendingImage, frame: CameraFrame, region: Region) -> CameraFrame:
-        """Return the frame of a region in the state's weather, blank where its lens shows nothing."""
+        """Return the frame of a region, fixed, in the state's weather, blank where its lens shows nothing."""
         rows, columns = slice(region.top, region.bottom), slice(region.left, region.right)
+        if pending.is_fixed and self.fixer is not None and self.recorded_depth is not None:
+            confidence = partial(self._confidence, pending)
+            self.fixer.fix(pending, self._bound, frame, self.recorded_depth, self._own(pending.state), confidence)
         put_in_weather(pending, self._bound, frame, rows, columns)
+        if "depth" not in pending.passes:
+            frame.depth_m = frame.z_depth_m = None
+        if "instance" not in pending.passes:
+            frame.instance = None
         return _blanked(frame, region)
 
     def _shadowing(self, state: WorldState, camera: Camera) -> list[Actor]:
@@ -327,7 +345,7 @@ class Renderer:
         for stride, done in steps:
             values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in sparse.values.items() if name != NEAR_BOXES}
             if stride > 1:
-                names = ("rgb", "unsupported", *(WEATHER_MAPS if pending.air is not None else ()))
+                names = ("rgb", "unsupported", *(FINISHING_MAPS if pending.air is not None else ()))
                 few = {name: values[name][::stride, ::stride] for name in names if name in values}
                 preview = CameraFrame(
                     model,
@@ -339,6 +357,7 @@ class Renderer:
                 )
                 few_rows, few_columns = (slice(part.start, part.stop, stride) for part in (rows, columns))
                 put_in_weather(pending, self._bound, preview, few_rows, few_columns, preview=True)
+                preview.depth_m = preview.instance = None
                 yield Tile(preview, region, (stride, stride), (rows.start, columns.start))
                 continue
             part = region._replace(
@@ -475,8 +494,7 @@ class Renderer:
         if "confidence" in pending.passes and "confidence" not in maps:
             assert rays is not None
             maps = {**maps, "confidence": self._confidence(pending, rays.flat(), maps)}
-        shown = {*pending.passes, *(WEATHER_MAPS if pending.air is not None else ())}
-        fill_passes(out, {name: x for name, x in maps.items() if name in shown}, along, shape, up, inner)
+        fill_passes(out, {name: x for name, x in maps.items() if name in pending.shown}, along, shape, up, inner)
         return out
 
     def _confidence(self, pending: PendingImage, rays: Rays, maps: Maps) -> Array:
@@ -504,9 +522,13 @@ class Renderer:
         without a trained scene."""
         if self.recorded_depth is None:
             return None
+        near = self.recorded_depth.near(pose, of_beam)
+        return near.evidence(rays, maps["depth"], maps["instance"], self._own(state))
+
+    def _own(self, state: WorldState) -> list[Actor | None]:
+        """Return the active actors of a state in the order of their numbers, None for those of other scenes and meshes."""
         actors, active = {actor.uid: actor for actor in state.actors}, self.tracer(state).active
-        own = [actors[uid] if uid in active.own.uids else None for uid in active.uids]
-        return self.recorded_depth.near(pose, of_beam).evidence(rays, maps["depth"], maps["instance"], own)
+        return [actors[uid] if uid in active.own.uids else None for uid in active.uids]
 
     def confidence(self, state: WorldState, pose: FloatArray, rays: Rays, maps: Maps, of_beam: bool = False) -> Array:
         """Return the probability (N,) that what flat rays (N,) from a sensor's pose show is right, by their maps: of a

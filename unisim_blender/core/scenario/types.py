@@ -12,7 +12,7 @@ from typing import Annotated
 
 from ..remote.copies import local_path
 from ..remote.requests import is_url
-from ..sensors.frames import CAMERA_PASSES, FILLS
+from ..sensors.frames import CAMERA_PASSES
 from .edit import Edit
 from .json_schema import FRAME, PATH, TEXT, FilePath, PixelCount, Schema, SchemaOf, object_of, ref
 from .light import LightSpec
@@ -82,7 +82,7 @@ class Outputs:
     width: PixelCount | None = None
     quality: Annotated[str, SchemaOf({"enum": ["fast", "balanced", "fine", "reference"]})] | None = None
     contact_shadows: bool | None = None
-    fill: Annotated[str, SchemaOf({"enum": list(FILLS)})] | None = None
+    fill: str | None = None
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from .error_bound import ErrorBoundResult
 CAMERA_PASSES = ("rgb", "depth", "normal", "instance", "opacity", "unsupported", "confidence")
 """Passes a camera frame can hold; ``rgb`` alone is rendered where nothing else was asked for."""
 FILLS = ("none", "texture")
-"""What is shown where nobody saw the ground: what the scene has there, or the texture of the street around it."""
+"""What is shown where nobody saw, besides fixers: what the scene has there, or on ground the texture of the street."""
 FORMER_PASSES = {"support": "unsupported"}
 """Former names of passes, which scenario files and the command line may still have."""
 
@@ -77,6 +77,13 @@ class CameraFrame:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return the colours and the passes that were asked for, by their names."""
         return {name: array for name in EMPTY_PIXEL if (array := getattr(self, name)) is not None}
+
+    def cropped(self, left: int, top: int, right: int, bottom: int) -> CameraFrame:
+        """Return the frame of these columns and rows, first and past the last."""
+        part = replace(self)
+        for name, array in self.arrays().items():
+            setattr(part, name, array[top:bottom, left:right])
+        return part
 
     def blank(self, shown: BoolArray) -> None:
         """Make the frame black and empty where ``shown`` (H, W) is False; colours in place of the array that is

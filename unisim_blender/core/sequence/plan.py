@@ -44,7 +44,7 @@ class SequenceSettings:
     """Error bounds that every frame must keep; ``quality`` then holds for sensors without a bound."""
     renderer: str = "neural"
     fill: str = "none"
-    """What is shown where nobody saw the ground, one of `frames.FILLS`."""
+    """What is shown where nobody saw: one of `frames.FILLS`, or a fixer (`render.fixers`)."""
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from ..formats.readers import drive_in, open_log
 from ..prepare.renderers import UNTRAINED_DEFAULT
 from ..render.changes import RenderedState, changed_regions, joined_where_cheaper
 from ..render.confidence import RecordedDepth
+from ..render.fixers import RecordedFixer
 from ..render.ground_fill import GroundFill
 from ..render.lattice import Region
 from ..render.observed_space import ObservedSpace, Observing, cache_space, cached_space, observe_space
@@ -177,16 +178,19 @@ class Jobs:
             others = {str(name): self.scenes.open(str(name)) for name in request.get("others", ())}
             backend = load_backend(scene, others, quality, device, self.loaded)
             depth = None
-            if "confidence" in request.get("passes", ()) and isinstance(backend, Observing):
-                depth = yield from self._recorded_depth(backend, scene)
-            fill = None
-            if request.get("fill") == "texture" and isinstance(backend, Observing):
+            fill = fixer = None
+            how = str(request.get("fill", "none"))
+            if how == "texture" and isinstance(backend, Observing):
                 fill = yield from self._fill(backend, scene)
+            elif how != "none" and isinstance(backend, Observing):
+                fixer = RecordedFixer(how, open_log(_text(request, "log")), scene.header.drive.cameras)
+            if (fixer or "confidence" in request.get("passes", ())) and isinstance(backend, Observing):
+                depth = yield from self._recorded_depth(backend, scene)
             clip = bool(request.get("clip"))
             if (clip or "unsupported" in request.get("passes", ())) and isinstance(backend, Observing):
                 space = yield from self._space(backend, scene)
-                return Renderer(backend.within(space, clip), shadows, backend, depth, fill)
-            return Renderer(backend, shadows, recorded_depth=depth, fill=fill)
+                return Renderer(backend.within(space, clip), shadows, backend, depth, fill, fixer)
+            return Renderer(backend, shadows, recorded_depth=depth, fill=fill, fixer=fixer)
         else:
             log = self._log(request)
             first = request.get("preliminary") and self.surfels is None

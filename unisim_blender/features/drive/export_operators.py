@@ -78,7 +78,7 @@ def _settings(scene: bpy.types.Scene) -> tuple[FrameRange | None, Outputs]:
         formats=None if formats == tuple(FRAME_FORMATS) else formats,
         quality=settings.quality,
         contact_shadows=settings.contact_shadows or None,
-        fill="texture" if settings.fill_ground else None,
+        fill=settings.fill if settings.fill != "none" else None,
     )
 
 

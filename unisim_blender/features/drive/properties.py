@@ -200,6 +200,10 @@ class UniSimScene(bpy.types.PropertyGroup):
         name="Fill Ground",
         description="Ground that nobody saw has the texture of the street around it, computed once for a trained scene",
     )
+    fixer: StringProperty(
+        name="Fixer",
+        description="Function that draws anew what no recorded image shows: its name, or module:function",
+    )
     show_ways: BoolProperty(
         name="Trajectories",
         description="Draw trajectories of the selected actors with their speed, and the recorded trajectories",
@@ -254,8 +258,8 @@ class UniSimScene(bpy.types.PropertyGroup):
 
     @property
     def fill(self) -> str:
-        """What is shown where nobody saw the ground, of `sensors.frames.FILLS`."""
-        return "texture" if self.fill_ground else "none"
+        """What is shown where nobody saw: a fixer, or one of `sensors.frames.FILLS`."""
+        return self.fixer or ("texture" if self.fill_ground else "none")
 
 
 PROPERTIES = (

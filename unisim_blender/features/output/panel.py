@@ -68,6 +68,7 @@ class UNISIM_PT_passes(DrivePanel, bpy.types.Panel):
         column.prop(about, "opacity_pass")
         column.prop(about, "contact_shadows")
         column.prop(about, "fill_ground")
+        column.prop(about, "fixer")
         column.prop(about, "clip_render")
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ....data.images import resize_image, shown_pixels
 from ....data.log import Log
 from ....data.own_vehicle import Outline, find_outline, given_outline, joined, moved_frames, shows_scene
-from ....geometry import BoolArray, FloatArray, box_corners, intersect_boxes, invert_pose, transform_points
+from ....geometry import BoolArray, FloatArray, bilinear, box_corners, intersect_boxes, invert_pose, transform_points
 from ....sensors.camera import camera_rays, line_count, line_times, lines, pixel_grid
 from ....sensors.rays import Rays
 from ....sensors.silhouettes import box_silhouette
@@ -144,18 +144,6 @@ class RecordedView:
         """Return colours (N, 3) at image points u, v (N,), bilinear, beyond the edge as at it; in 0..255 divided by the
         exposure."""
         return np.asarray(bilinear(self.image, u, v) / self.gain, np.float32)
-
-
-def bilinear(image: NDArray[np.uint8], u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
-    """Return values (N, C) of an image (H, W, C) at points u, v (N,), pixels from its corner, bilinear."""
-    height, width = image.shape[:2]
-    x, y = np.clip(u - 0.5, 0, width - 1), np.clip(v - 0.5, 0, height - 1)
-    column, row = np.minimum(x.astype(np.int64), max(width - 2, 0)), np.minimum(y.astype(np.int64), max(height - 2, 0))
-    fx, fy = (x - column).astype(np.float32)[:, None], (y - row).astype(np.float32)[:, None]
-    right, below = np.minimum(column + 1, width - 1), np.minimum(row + 1, height - 1)
-    top = image[row, column] * (1 - fx) + image[row, right] * fx
-    bottom = image[below, column] * (1 - fx) + image[below, right] * fx
-    return np.asarray(top * (1 - fy) + bottom * fy, np.float32)
 
 
 def resized(camera: Camera, width: int) -> Camera:
