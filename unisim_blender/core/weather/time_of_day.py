@@ -81,7 +81,7 @@ class Lamps(NamedTuple):
         return total
 
 
-class Light(NamedTuple):
+class HourLight(NamedTuple):
     """What the colours of ground and sky are multiplied by, (3,) each; the part of the recorded sun that still shines, 0 to 1;
     and by how much the light of one lux is multiplied, relative to the recorded light."""
 
@@ -91,7 +91,7 @@ class Light(NamedTuple):
     per_lx: float
 
 
-def light_of(elevation_deg: float) -> Light:
+def light_of(elevation_deg: float) -> HourLight:
     """Return the light when the sun stands at an elevation."""
     day, by_day = (float(10 ** np.interp(x, ELEVATIONS_DEG, np.log10(DAYLIGHT_LX))) for x in (elevation_deg, 90.0))
     level, part = ((day + TOWN_LX) / by_day) ** ADAPTED, day / (day + TOWN_LX)
@@ -100,7 +100,7 @@ def light_of(elevation_deg: float) -> Light:
     tint = part * (1 + low * (np.array(LOW_SUN) - 1) + down * (np.array(TWILIGHT) - np.array(LOW_SUN)))
     town = (1 - part) * np.array(TOWN)
     above = tint * (1 + (TWILIGHT_SKY - 1) * (1 - direct)) + TOWN_SKY * town
-    return Light(level * (tint + town), level * above, direct, level / (day + TOWN_LX))
+    return HourLight(level * (tint + town), level * above, direct, level / (day + TOWN_LX))
 
 
 def shown(
