@@ -53,6 +53,10 @@ STATED: dict[str, dict[str, Any]] = {
             "sensors": {"exposure_s": 0.01},
         }
     },
+    "dusk": {"weather": {"sun_elevation_deg": -6.0}},
+    "the sun goes down": {
+        "weather": {"sun_elevation_deg": [{"time_s": 0.1, "value": 10.0}, {"time_s": 0.7, "value": -18.0}]}
+    },
     "light": {"light": {"sun": {"azimuth_deg": -136, "elevation_deg": 54, "strength": 0.7}}},
     "a moving sun": {
         "light": {
@@ -101,7 +105,9 @@ def test_what_no_object_stands_for_comes_back(scene: Any, tmp_path: Path, name: 
         assert (was is None) == (before.weather is None) and (now is None) == (was is None)
         if was is not None and now is not None:
             assert now.snow_mm_h == pytest.approx(was.snow_mm_h, abs=1e-4)
-            assert replace(now, snow_mm_h=0) == replace(was, snow_mm_h=0)
+            assert now.sun_elevation_deg == pytest.approx(was.sun_elevation_deg, abs=1e-3)
+            now = replace(now, snow_mm_h=0, sun_elevation_deg=0)
+            assert now == replace(was, snow_mm_h=0, sun_elevation_deg=0)
 
 
 def test_weather_is_animated_as_anything_and_reaches_what_is_rendered(scene: Any, tmp_path: Path) -> None:

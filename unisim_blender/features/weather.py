@@ -8,8 +8,10 @@ from bpy.props import BoolProperty, FloatProperty, FloatVectorProperty, IntPrope
 
 from ..bridge.objects.weather import CLEAR_M
 from ..core.scenario.light import MIN_ELEVATION_DEG
+from ..core.scenario.weather import MIN_ELEVATION_DEG as NIGHT_DEG
 from ..core.scenario.weather import MIN_VISIBILITY_M
 from ..core.world.light import MAX_STRENGTH, direction_to
+from ..core.world.weather import AS_RECORDED_DEG
 from .sidebar import DrivePanel, settings_column
 
 
@@ -32,6 +34,14 @@ class UniSimWeather(bpy.types.PropertyGroup):
     wetness: FloatProperty(
         name="Wetness", description="Wet part of the ground; rain adds to it", min=0.0, max=1.0, subtype="FACTOR"
     )
+    sun_elevation: FloatProperty(
+        name="Time of Day",
+        description="Height of the sun as which images look, with lamps when it is down; at 90 degrees as recorded",
+        subtype="ANGLE",
+        default=math.radians(AS_RECORDED_DEG),
+        min=math.radians(NIGHT_DEG),
+        max=math.radians(AS_RECORDED_DEG),
+    )
     seed: IntProperty(
         name="Seed", description="Seed of drops, flakes and the returns of fog", min=0, max=2**31 - 1, options=set()
     )
@@ -39,7 +49,7 @@ class UniSimWeather(bpy.types.PropertyGroup):
 
 
 class UNISIM_PT_weather(DrivePanel, bpy.types.Panel):
-    """Fog, rain, snow and wet ground in images and sweeps; keys animate them"""
+    """Fog, rain, snow and wet ground in images and sweeps, and the time of day in images; keys animate them"""
 
     bl_label = "Weather"
     bl_parent_id = "UNISIM_PT_sensors"
@@ -48,7 +58,7 @@ class UNISIM_PT_weather(DrivePanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         column = settings_column(self.layout)
         column.use_property_decorate = True
-        for name in ("visibility_m", "rain_mm_h", "snow_mm_h", "wetness", "seed"):
+        for name in ("visibility_m", "rain_mm_h", "snow_mm_h", "wetness", "sun_elevation", "seed"):
             column.prop(context.scene.unisim_weather, name)
 
 

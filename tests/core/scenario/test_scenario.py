@@ -69,6 +69,7 @@ EVERYTHING: dict[str, Any] = {
         "visibility_m": [{"time_s": 0, "value": 1000}, {"time_s": 2, "value": 50.5}],
         "rain_mm_h": 2.5,
         "snow_mm_h": [{"time_s": 0, "value": 0}],
+        "sun_elevation_deg": [{"time_s": 0, "value": 10}, {"time_s": 2, "value": -6}],
         "seed": 4,
         "sensors": {"pulse_ns": 6, "divergence_mrad": 1.5, "exposure_s": 0.01, "threshold": 0.2, "overlap_m": 4},
     },
@@ -321,6 +322,11 @@ def test_paths_are_relative_to_the_file(tmp_path: Path) -> None:
         ),
         (("sensors", "lidars", 0, "preset"), "pandar65", "s.json: sensors.lidars[0].preset: 'pandar65' is not one of"),
         (("weather", "visibility_m"), 1, "s.json: weather.visibility_m: 1 is less than the minimum of 5"),
+        (
+            ("weather", "sun_elevation_deg"),
+            -20,
+            "s.json: weather.sun_elevation_deg: -20 is less than the minimum of -18",
+        ),
         (("weather", "visibility_m"), "fog", "s.json: weather.visibility_m: 'fog' is not of type 'number'"),
         (("weather", "visibility_m"), [], "s.json: weather.visibility_m: [] should be non-empty"),
         (

@@ -104,8 +104,9 @@ def test_ground_is_darker_and_shows_the_wall_and_the_sky_above_it() -> None:
     wet = Weather(wetness=0.8)
     clear, shown = (renderer.render(state(w), at, 0.0, ("rgb", "depth")) for w in (None, wet))
     pending = renderer._expose(state(wet), at, 0.0, ())
-    air, mirror = pending.air, mirrored(pending, renderer._bound)
+    air = pending.air
     assert air is not None
+    mirror = mirrored(pending, renderer._bound, air)
     assert clear.depth_m is not None and set(np.unique(mirror.ground)) == {0.0, 1.0}
     np.testing.assert_array_equal(shown.rgb[:90], clear.rgb[:90])
     dry = linear_from_srgb(clear.rgb).astype(np.float64)

@@ -14,14 +14,14 @@ from ...core.scenario.light import LightSpec, SunSpec
 from ...core.scenario.weather import Keyed, ReceiverSpec, ValueKey, WeatherSpec, weather_of
 from ...core.world.light import KEYED as SUN_KEYED
 from ...core.world.light import SunPosition
-from ...core.world.weather import KEYED
+from ...core.world.weather import AS_RECORDED_DEG, KEYED
 from ...editing.sampled.clock import Clock
 from .animation import curves_of
 from .imported import source_of
 
 CLEAR_M = 1e5
 """Visibility from which there is no fog."""
-NONE = {"visibility_m": CLEAR_M}
+NONE = {"visibility_m": CLEAR_M, "sun_elevation_deg": AS_RECORDED_DEG}
 """Values, by member, that change nothing, where that is not 0."""
 WEATHER, SUN = "unisim_weather", "unisim_sun"
 """Names of the scene's groups of properties."""
@@ -30,7 +30,7 @@ WEATHER, SUN = "unisim_weather", "unisim_sun"
 def weather_and_sun(scene: bpy.types.Scene) -> tuple[float, ...]:
     """Return what the weather and the sun are at the frame that is shown."""
     weather, sun = scene.unisim_weather, scene.unisim_sun
-    values = *(getattr(weather, name) for name in (*KEYED, "seed")), sun.enabled
+    values = *(getattr(weather, _shown(name)) for name in (*KEYED, "seed")), sun.enabled
     return *values, *(getattr(sun, _shown(name)) for name in SUN_KEYED)
 
 
@@ -89,7 +89,7 @@ def apply_weather(scene: bpy.types.Scene, spec: WeatherSpec | None, clock: Clock
     for name in KEYED:
         value = getattr(spec, name) if spec is not None else None
         if spec is None or not isinstance(value, tuple):
-            setattr(about, name, NONE.get(name, 0.0) if value is None else value)
+            setattr(about, _shown(name), (NONE.get(name, 0.0) if value is None else value) / _unit(name))
             continue
         frames = clock.frame(np.array([key.time_s for key in value]))
         if name == "visibility_m":

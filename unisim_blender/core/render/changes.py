@@ -52,12 +52,12 @@ class RenderedState:
 
     def comparable(self, other: RenderedState) -> bool:
         """Return whether frames of the two differ by actors and static boxes alone, each where they are. In snow that takes
-        one time; wet ground, as in rain, reflects them elsewhere; the light of the air depends on neither
+        one time; wet ground reflects them, and lamps shine, elsewhere; the light of the air depends on neither
         (`Renderer.air`)."""
         weather = self.state.weather
         if self.about != other.about or self.margin != other.margin or weather != other.state.weather:
             return False
-        return weather is None or not (weather.wet or (weather.snow_mm_h and not self.at_the_time_of(other)))
+        return weather is None or not (weather.reaches_far or (weather.snow_mm_h and not self.at_the_time_of(other)))
 
     def at_the_time_of(self, other: RenderedState) -> bool:
         """Return whether the states have the same window of time."""

@@ -14,18 +14,22 @@ from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
 from ..sensors.rays import Rays, exposure_window
 from ..weather import camera as camera_weather
 from ..weather import lidar as lidar_weather
-from ..weather import wet_ground
+from ..weather import time_of_day, wet_ground
 from ..weather.spray import spray
 from ..world.drive import Camera, Lidar
 from ..world.replay import WorldState
+from ..world.weather import AS_RECORDED_DEG
 from .pending_image import Binding, PendingImage, row_of_colours
 from .quality import QUALITIES, Quality
+from .sun_shadow import FULL_SUN
 from .tracer import Backend
 
 SKY_WIDTH_PX = 64
 """Width of the image from which the air is estimated, in pixels."""
 MIRROR_WIDTH_PX, MIRROR_LIFT_M = 192, 0.05
 """Width of the coarse image of what the ground reflects, in pixels, and the height, metres, at which mirrored rays start."""
+OPEN_SKY = 0.05
+"""Part of the coarse image's sky about a pixel from which it may be sky at another time of day: a bright rest would show."""
 MAX_STORED_AIR = 64
 """Number of images whose air is stored."""
 
@@ -55,7 +59,15 @@ class FrameWeather:
             probability.reshape(-1)[up] = tracer.returns(traced, above.directions)[1]
             if len(self._air) >= MAX_STORED_AIR:
                 del self._air[next(iter(self._air))]
-            self._air[key] = camera_weather.air_of(self._clear_frame(clear), small, time_s, probability)
+            frame = self._clear_frame(clear)
+            assert frame.depth_m is not None
+            shown = np.isfinite(frame.depth_m) & np.isfinite(rays.directions).all(-1)
+            points = rays.origins[shown] + rays.directions[shown] * frame.depth_m[shown, None]
+            low = np.abs(tracer.heights(points)) < wet_ground.GROUND_M
+            ground = linear_from_srgb(frame.rgb[shown][low]) @ camera_weather.LUMINANCE
+            full_sun = float(np.quantile(ground, FULL_SUN)) if len(ground) else 0.0
+            air = camera_weather.air_of(frame, small, time_s, probability)
+            self._air[key] = air._replace(full_sun=full_sun)
         return self._air[key]
 
 
@@ -71,9 +83,17 @@ def put_in_weather(
         pending.particles = camera_weather.drawn_particles(pending.camera, pending.time_s, weather)
     size = pending.camera.model.height, pending.camera.model.width
     sprayed = None
+    if weather.sun_elevation_deg < AS_RECORDED_DEG:
+        grid = (x[rows, columns] for x in pixel_grid(pending.camera.model))
+        rays = camera_rays(pending.camera, pending.time_s, *grid)
+        sky, tracer = air.sky(frame, rows, columns, size, OPEN_SKY), pending.tracer
+        frame.rgb = time_of_day.shown(
+            frame, pending.state, tracer.active.uids, weather.sun_elevation_deg, sky, rays, tracer.heights, air.full_sun
+        )
+        air = air._replace(light=air.light * time_of_day.light_of(weather.sun_elevation_deg).sky)
     if weather.wet:
         if pending.mirror is None:
-            pending.mirror = mirrored(pending, bound)
+            pending.mirror = mirrored(pending, bound, air)
         frame.rgb = pending.mirror.wetted(frame, weather.wet, air, rows, columns, size)
         assert frame.depth_m is not None
         if pending.puffs is None:
@@ -84,10 +104,10 @@ def put_in_weather(
     frame.rgb = camera_weather.weathered(frame, weather, air, drawn, rows, columns, size, sprayed)
 
 
-def mirrored(pending: PendingImage, bound: Binding) -> wet_ground.Mirror:
-    """Return what the ground reflects in an image, by a coarse one of which rays go on from the ground."""
+def mirrored(pending: PendingImage, bound: Binding, air: camera_weather.Air) -> wet_ground.Mirror:
+    """Return what the ground reflects in an image, by a coarse one of which rays go on from the ground, through ``air``."""
     camera, time_s, tracer, weather = pending.camera, pending.time_s, pending.tracer, pending.state.weather
-    assert weather is not None and pending.air is not None
+    assert weather is not None
     small = camera.resized(min(MIRROR_WIDTH_PX, camera.model.width))
     rays = camera_rays(small, time_s, *pixel_grid(small.model))
     shape, flat, quality = rays.time_s.shape, rays.flat(), tracer.quality
@@ -102,7 +122,11 @@ def mirrored(pending: PendingImage, bound: Binding) -> wet_ground.Mirror:
     rays = Rays(points[some] + [0, 0, MIRROR_LIFT_M], up, rays.time_s[some])
     rgb, maps = row_of_colours(pending, rays, bound, tracer, {"depth"})
     tracer.quality = quality
-    light = pending.air.over(linear_from_srgb(rgb), camera_weather.air_through(weather, maps["depth"]))
+    colours = linear_from_srgb(rgb)
+    if weather.sun_elevation_deg < AS_RECORDED_DEG:
+        of_day = time_of_day.light_of(weather.sun_elevation_deg)
+        colours *= np.where(np.isinf(maps["depth"])[:, None], of_day.sky, of_day.ground).astype(np.float32)
+    light = air.over(colours, camera_weather.air_through(weather, maps["depth"]))
     shown = np.zeros((shape[0] * shape[1], 6), np.float32)
     shown[down[some], 0], shown[down[some], 1], shown[down[some], 2] = 1, depth[some], cosine
     shown[down[some], 3:] = light
@@ -115,7 +139,7 @@ def sweep_in_weather(
     frame: LidarFrame, state: WorldState, lidar: Lidar, time_s: float, heights: Callable[[FloatArray], FloatArray]
 ) -> LidarFrame:
     """Return the sweep of clear air at ``time_s`` in the state's weather."""
-    if state.weather is None:
+    if state.weather is None or state.weather.is_clear_of_water:
         return frame
     ground = puffs = None
     if state.weather.wet:

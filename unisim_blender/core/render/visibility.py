@@ -47,8 +47,8 @@ def seen_by(state: WorldState, sensor: Camera | Lidar, reach: Reach) -> WorldSta
     frame can depend on."""
     actors = tuple(actor for actor in state.actors if actor.visible_to(sensor))
     light = None if isinstance(sensor, Lidar) else state.light
-    # the road reflects what the sensor does not see, and spray drifts into its view
-    if reach.whole or (state.weather is not None and state.weather.wet):
+    # the road reflects what the sensor does not see, spray drifts into its view, and lamps shine into it
+    if reach.whole or (state.weather is not None and state.weather.reaches_far):
         return replace(state, actors=actors, light=light).with_changes_alone()
     boxes = [copy_box(copy) for copy in state.static_copies] + list(state.removed_boxes)
     moments = np.linspace(state.start_s, state.end_s, EXPOSURE_MOMENTS)

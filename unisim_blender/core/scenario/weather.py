@@ -7,11 +7,12 @@ from dataclasses import asdict, dataclass
 from typing import Annotated, Union
 
 from ..world.captures import microseconds
-from ..world.weather import KEYED, Receiver, Weather, WeatherKeys
+from ..world.weather import AS_RECORDED_DEG, KEYED, Receiver, Weather, WeatherKeys
 from .checks import require
 from .json_schema import NUMBER, Schema, SchemaOf, members_of, object_of
 
 MIN_VISIBILITY_M, MAX_VISIBILITY_M = 5.0, 1e6
+MIN_ELEVATION_DEG = -18.0
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,16 @@ class WeatherSpec:
     rain_mm_h: Annotated[Keyed, keyed("Rain.", minimum=0, maximum=200)] | None = None
     snow_mm_h: Annotated[Keyed, keyed("Snow, as liquid water.", minimum=0, maximum=20)] | None = None
     wetness: Annotated[Keyed, keyed("Wet part of the ground; rain adds to it.", minimum=0, maximum=1)] | None = None
+    sun_elevation_deg: (
+        Annotated[
+            Keyed,
+            keyed(
+                "Time of day, a look of images: the sun's height above the horizon; 90: as recorded.",
+                minimum=MIN_ELEVATION_DEG, maximum=AS_RECORDED_DEG,
+            ),
+        ]
+        | None
+    ) = None  # fmt: skip
     seed: Annotated[int, SchemaOf({"type": "integer", "minimum": 0, "maximum": 2**31 - 1})] | None = None
     sensors: ReceiverSpec | None = None
 

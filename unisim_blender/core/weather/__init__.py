@@ -5,5 +5,6 @@ particles.py     drops and flakes, the same ones for every sensor
 camera.py        attenuation and airlight, particles drawn
 wet_ground.py    darker and glossier ground, weaker returns
 spray.py         spray behind vehicles on wet ground
+time_of_day.py   images as if the sun stood lower: a look
 lidar.py         attenuated and lost returns, and returns of what is in the air
 """

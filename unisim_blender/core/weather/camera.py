@@ -39,10 +39,12 @@ MAX_STEPS = 256
 
 class Air(NamedTuple):
     """What a camera's clear image says of the air: ``light`` (3,), the airlight, linear Rec.709, and ``open_sky`` (h, w),
-    where a coarse image of all of it shows sky, 0 to 1: beams would not return from there (`sky_shown`)."""
+    where a coarse image of all of it shows sky, 0 to 1: beams would not return from there (`sky_shown`). ``full_sun`` is the
+    luminance of ground in the sun, 0 where there is none."""
 
     light: FloatArray
     open_sky: NDArray[np.float32]
+    full_sun: float = 0.0
 
     def over(self, colours: NDArray[np.float32], through: NDArray[np.float32]) -> NDArray[np.float32]:
         """Put the airlight over linear colours (..., 3), in place, by the transmittance (...) in front of them."""
@@ -52,10 +54,12 @@ class Air(NamedTuple):
         colours += light
         return colours
 
-    def sky(self, frame: CameraFrame, rows: slice, columns: slice, size: tuple[int, int]) -> BoolArray:
-        """Return which pixels (h, w) show sky: those without a surface, and those of a surface that would not return a
-        beam and is as bright and as blue as the airlight. The frame is of these rows and columns of an image of ``size``,
-        height and width."""
+    def sky(
+        self, frame: CameraFrame, rows: slice, columns: slice, size: tuple[int, int], least: float = 0.5
+    ) -> BoolArray:
+        """Return which pixels (h, w) show sky: those without a surface, and those of a surface that for ``least`` of the coarse
+        image would not return a beam and is as bright and as blue as the airlight. The frame is of these rows and columns
+        of an image of ``size``, height and width."""
         assert frame.depth_m is not None
         sky = np.isinf(frame.depth_m)
         if not self.open_sky.any():
@@ -67,7 +71,7 @@ class Air(NamedTuple):
             return sky
         rows = slice(int(numbers[0]), int(numbers[count - 1]) + 1, rows.step)
         weights = interpolated(self.open_sky[..., None], rows, columns, size)[..., 0]
-        y, x = np.nonzero((weights > 0.5) & ~sky[:count])
+        y, x = np.nonzero((weights > least) & ~sky[:count])
         if frame.instance is not None:
             still = frame.instance[y, x] == 0
             y, x = y[still], x[still]

@@ -11,6 +11,8 @@ import numpy as np
 
 WETTING_MM_H = 2.0
 """Rate of rain that leaves a part 1/e of the ground dry."""
+AS_RECORDED_DEG, LAMPS_DEG = 90.0, 3.0
+"""Elevation of the sun that stands for the recorded light, and the one below which vehicles have lamps on."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,8 @@ class Receiver:
 @dataclass(frozen=True)
 class Weather:
     """The weather at one moment: ``visibility_m``, inf without fog; ``rain_mm_h`` and ``snow_mm_h`` of liquid water;
-    ``wetness`` of the ground, 0 to 1, to which rain adds; ``seed`` of the particles and of random draws."""
+    ``wetness`` of the ground, 0 to 1, to which rain adds; ``seed`` of the particles and of random draws. Images look as if
+    the sun stood ``sun_elevation_deg`` high; at `AS_RECORDED_DEG` as they were recorded."""
 
     visibility_m: float = math.inf
     rain_mm_h: float = 0.0
@@ -38,11 +41,22 @@ class Weather:
     wetness: float = 0.0
     seed: int = 0
     receiver: Receiver = Receiver()
+    sun_elevation_deg: float = AS_RECORDED_DEG
 
     @property
     def is_clear(self) -> bool:
-        """Whether a frame is what it is without weather."""
+        """Whether an image is what it is without weather."""
+        return self.is_clear_of_water and self.sun_elevation_deg >= AS_RECORDED_DEG
+
+    @property
+    def is_clear_of_water(self) -> bool:
+        """Whether a sweep is what it is without weather."""
         return math.isinf(self.visibility_m) and not (self.rain_mm_h or self.snow_mm_h or self.wetness)
+
+    @property
+    def reaches_far(self) -> bool:
+        """Whether what is out of an image's view may change it: reflections, spray and the light of lamps."""
+        return self.wet > 0 or self.sun_elevation_deg < LAMPS_DEG
 
     @property
     def wet(self) -> float:
@@ -62,7 +76,7 @@ class Weather:
         )
 
 
-KEYED = ("visibility_m", "rain_mm_h", "snow_mm_h", "wetness")
+KEYED = ("visibility_m", "rain_mm_h", "snow_mm_h", "wetness", "sun_elevation_deg")
 """Members of `Weather` that change over time."""
 
 
