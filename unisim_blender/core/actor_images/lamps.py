@@ -19,7 +19,7 @@ from ..colour import linear_from_srgb
 from ..data.log import Log, cached_file
 from ..errors import LogError, UnisimError
 from ..files import write_cached
-from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
+from ..geometry import BoolArray, FloatArray, bilinear, invert_pose, transform_points
 from ..json_file import Node, read_json
 from ..sensors.camera import line_times, lines
 from ..world.classes import motion_of
@@ -162,14 +162,9 @@ def _visible(
 
 def _sampled(image: NDArray[np.uint8], u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
     """Return colours (..., 3), 0 to 1, of an image (H, W, 3) at u, v (...), bilinear; NaN outside."""
-    height, width = image.shape[:2]
-    x, y = np.clip(np.nan_to_num(u) - 0.5, 0, width - 1.001), np.clip(np.nan_to_num(v) - 0.5, 0, height - 1.001)
-    i, j = y.astype(int), x.astype(int)
-    b, a = (y - i)[..., None], (x - j)[..., None]
-    out = (1 - b) * ((1 - a) * image[i, j] + a * image[i, j + 1])
-    out += b * ((1 - a) * image[i + 1, j] + a * image[i + 1, j + 1])
-    out[~((u >= 0) & (u <= width) & (v >= 0) & (v <= height))] = np.nan
-    return np.asarray(out / 255, np.float32)
+    out = bilinear(image, *(np.nan_to_num(x.reshape(-1)) for x in (u, v))).reshape(*u.shape, 3) / np.float32(255)
+    out[~((u >= 0) & (u <= image.shape[1]) & (v >= 0) & (v <= image.shape[0]))] = np.nan
+    return out
 
 
 def lamps_of_faces(
