@@ -36,7 +36,7 @@ class UniSimWeather(bpy.types.PropertyGroup):
     )
     sun_elevation: FloatProperty(
         name="Time of Day",
-        description="Height of the sun as which images look, with lamps when it is down; at 90 degrees as recorded",
+        description="Elevation of the sun in images, with lamps below 3 degrees; at 90 degrees the recorded light",
         subtype="ANGLE",
         default=math.radians(AS_RECORDED_DEG),
         min=math.radians(NIGHT_DEG),

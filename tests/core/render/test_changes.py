@@ -264,7 +264,7 @@ def test_the_light_of_the_air_is_estimated_once_for_an_exposure(renderer: DriveF
         frames = DriveFrames(fresh, edited)
         camera = drive.cameras["still"]
         state, time_s = frames.state(camera, time_us / 1e6), time_us / 1e6
-        lights = [fresh._frame_weather.air(state, camera, time_s, fresh.quality) for _ in range(2)]
+        lights = [fresh._frame_weather.air(state, camera, time_s, fresh.quality, fresh._clear_frame) for _ in range(2)]
         assert lights[0] is lights[1]
         counts.append(len(fresh._frame_weather._air))
     assert counts == [1, 1, 2]

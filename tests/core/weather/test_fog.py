@@ -87,7 +87,9 @@ def test_light_is_attenuated_over_the_depth_and_the_sky_is_airlight(
     assert at is not None
     time_s = capture.time_s(drive.cameras["front"])
     foggy_state = states(renderer, drive, FOG).state(drive.cameras["front"], time_s)
-    air = renderer._frame_weather.air(foggy_state, drive.cameras["front"], time_s, renderer.quality)
+    air = renderer._frame_weather.air(
+        foggy_state, drive.cameras["front"], time_s, renderer.quality, renderer._clear_frame
+    )
     size = clear.rgb.shape[0], clear.rgb.shape[1]
     shown = air.sky(replace(clear, instance=ids.instance), slice(None), slice(None), size)
     through = np.exp(np.log(0.02) / at.visibility_m * clear.depth_m.astype(np.float64))[..., None]

@@ -35,15 +35,22 @@ MAX_STORED_AIR = 64
 
 
 class FrameWeather:
-    """The weather of frames that a backend traces. ``clear_frame`` renders a whole pending image without weather."""
+    """The weather of frames that a backend traces."""
 
-    def __init__(self, backend: Backend, clear_frame: Callable[[PendingImage], CameraFrame]) -> None:
-        self._empty, self._clear_frame = Binding(backend), clear_frame
+    def __init__(self, backend: Backend) -> None:
+        self._empty = Binding(backend)
         self._air: dict[tuple[object, ...], camera_weather.Air] = {}
 
-    def air(self, state: WorldState, camera: Camera, time_s: float, quality: Quality) -> camera_weather.Air:
+    def air(
+        self,
+        state: WorldState,
+        camera: Camera,
+        time_s: float,
+        quality: Quality,
+        clear_frame: Callable[[PendingImage], CameraFrame],
+    ) -> camera_weather.Air:
         """Return the air in a camera's images of a state: that of the recorded world without actors, so that no edit
-        changes it. It is estimated once for an exposure."""
+        changes it. It is estimated once for an exposure. ``clear_frame`` renders a whole image that has no weather."""
         small = camera.resized(min(SKY_WIDTH_PX, camera.model.width))
         path = camera.world_from_camera.between(*exposure_window(camera, time_s))
         key = (small.sensor_id, small.model_at(time_s), small.full_width, path.content(), time_s, quality)
@@ -59,7 +66,7 @@ class FrameWeather:
             probability.reshape(-1)[up] = tracer.returns(traced, above.directions)[1]
             if len(self._air) >= MAX_STORED_AIR:
                 del self._air[next(iter(self._air))]
-            frame = self._clear_frame(clear)
+            frame = clear_frame(clear)
             assert frame.depth_m is not None
             shown = np.isfinite(frame.depth_m) & np.isfinite(rays.directions).all(-1)
             points = rays.origins[shown] + rays.directions[shown] * frame.depth_m[shown, None]

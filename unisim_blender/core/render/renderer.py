@@ -81,7 +81,7 @@ class Renderer:
         self._bound = Binding(backend)
         self._behind = Binding(backend)
         self._frame_shadows = FrameShadows(backend)
-        self._frame_weather = FrameWeather(backend, self._clear_frame)
+        self._frame_weather = FrameWeather(backend)
         self._lighting = self._bound if lighting is None or lighting is backend else Binding(lighting)
         self.quality = backend.quality
         """Settings of speed and accuracy; they may be changed between two frames."""
@@ -246,7 +246,7 @@ class Renderer:
         pending = PendingImage(tracer, state, camera, time_s, passes, needed, undeciding, shadowing, moved, shadows)
         pending.fill, pending.is_fixed, pending.lit = self.fill, self.fixer is not None, lit
         if state.weather is not None:
-            pending.air = self._frame_weather.air(state, camera, time_s, self.quality)
+            pending.air = self._frame_weather.air(state, camera, time_s, self.quality, self._clear_frame)
         return pending
 
     def _clear_frame(self, pending: PendingImage) -> CameraFrame:
