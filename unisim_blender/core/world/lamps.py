@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import FloatArray
+from ..geometry import FloatArray, bilinear
 from ..json_file import Node
 
 
@@ -41,11 +41,7 @@ class LampPatch:
         padded = np.zeros((self.share.shape[0] + 2, self.share.shape[1] + 2, 4), np.float32)
         padded[1:-1, 1:-1, 3:] = self.share[..., None]
         padded[1:-1, 1:-1, :3] = self.colours[state] * self.share[..., None]
-        at = np.clip(at + 1, 0, np.array(self.share.shape) + 1)
-        low = np.minimum(at.astype(np.int64), self.share.shape)
-        u, v = (at - low).astype(np.float32).T[..., None]
-        (i, j), (k, m) = low.T, low.T + 1
-        value = (1 - u) * ((1 - v) * padded[i, j] + v * padded[i, m]) + u * ((1 - v) * padded[k, j] + v * padded[k, m])
+        value = bilinear(padded, at[:, 1] + 1.5, at[:, 0] + 1.5)
         share = value[:, 3:] * entered[:, None]
         return value[:, :3] / np.maximum(value[:, 3:], 1e-6), share
 
