@@ -460,3 +460,13 @@ def bilinear(image: NDArray[Any], u: FloatArray, v: FloatArray) -> NDArray[np.fl
     top = image[row, column] * (1 - fx) + image[row, right] * fx
     bottom = image[below, column] * (1 - fx) + image[below, right] * fx
     return np.asarray(top * (1 - fy) + bottom * fy, np.float32)
+
+
+def box_sums(values: NDArray[Any], reach: int) -> FloatArray:
+    """Return sums (..., H, W) of values over the places within ``reach`` of each in both directions."""
+    out = values.astype(np.float64)
+    for axis in (-2, -1):
+        size = out.shape[axis]
+        sums, at = np.cumsum(np.insert(out, 0, 0.0, axis), axis), np.arange(size)
+        out = sums.take(np.minimum(at + reach + 1, size), axis) - sums.take(np.maximum(at - reach, 0), axis)
+    return out

@@ -19,7 +19,7 @@ from ..colour import linear_from_srgb
 from ..data.log import Log, cached_file
 from ..errors import LogError, UnisimError
 from ..files import write_cached
-from ..geometry import BoolArray, FloatArray, bilinear, invert_pose, transform_points
+from ..geometry import BoolArray, FloatArray, bilinear, box_sums, invert_pose, transform_points
 from ..json_file import Node, read_json
 from ..sensors.camera import line_times, lines
 from ..world.classes import motion_of
@@ -211,7 +211,7 @@ def _colours(face: _Face, images: NDArray[np.int64]) -> NDArray[np.float32]:
     usual = _medians(bright.reshape(len(rows), -1)).reshape(face.shape)
     change = np.log(np.maximum(bright, 0.03) / np.maximum(usual, 0.03)).clip(-MOST_GAIN, MOST_GAIN)
     known, reach = ~np.isnan(change), round(BLUR_M / face.texel_m)
-    gains = np.exp(_around(np.nan_to_num(change), reach) / np.maximum(_around(known, reach), 1))
+    gains = np.exp(box_sums(np.nan_to_num(change), reach) / np.maximum(box_sums(known, reach), 1))
     colours[:, rows] = np.stack([seen, seen / gains[..., None]]).reshape(2, len(rows), -1, 3)
     return colours
 
@@ -343,7 +343,7 @@ def _patches(
         core = inside[own].reshape(face.shape)
         if not core.any():
             continue
-        part = core | (_around(core, RIM_TEXELS) > 0.5) & (change[own].reshape(face.shape) > RIM * most)
+        part = core | (box_sums(core, RIM_TEXELS) > 0.5) & (change[own].reshape(face.shape) > RIM * most)
         rows, columns = np.flatnonzero(part.any(1)), np.flatnonzero(part.any(0))
         cut = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
         colours = looks[:, own].reshape(2, *face.shape, 3)[:, cut[0], cut[1]]
@@ -352,17 +352,7 @@ def _patches(
         yield LampPatch(face.axis, face.side, low, face.texel_m, np.clip(colours, 0, 1).astype(np.float32), share)
 
 
-def _around(values: NDArray[Any], reach: int) -> FloatArray:
-    """Return sums (..., H, W) of values over the texels within ``reach`` of each in both directions."""
-    out = values.astype(np.float64)
-    for axis in (-2, -1):
-        size = out.shape[axis]
-        sums, at = np.cumsum(np.insert(out, 0, 0.0, axis), axis), np.arange(size)
-        out = sums.take(np.minimum(at + reach + 1, size), axis) - sums.take(np.maximum(at - reach, 0), axis)
-    return out
-
-
 def _counted(faces: list[_Face], texels: NDArray[np.int64], inside: BoolArray, reach: int) -> FloatArray:
     """Return how many texels (N,) within ``reach`` of each are inside, on its face."""
-    parts = (_around(inside[texels == number].reshape(face.shape), reach) for number, face in enumerate(faces))
+    parts = (box_sums(inside[texels == number].reshape(face.shape), reach) for number, face in enumerate(faces))
     return np.concatenate([part.reshape(-1) for part in parts])

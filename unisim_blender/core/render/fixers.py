@@ -24,14 +24,13 @@ from numpy.typing import NDArray
 
 from ..data.log import Log
 from ..errors import UnisimError, in_a_line
-from ..geometry import BoolArray, FloatArray, bilinear
+from ..geometry import BoolArray, FloatArray, bilinear, box_sums
 from ..registry import Registry, named_function
 from ..sensors.camera import camera_rays, pixel_grid
 from ..sensors.frames import FILLS, CameraFrame
 from ..sensors.rays import Rays
 from ..world.drive import Actor, Camera, CameraModel
 from .confidence import DepthView, RecordedDepth
-from .ground_fill import marked_around
 from .pending_image import Binding, PendingImage
 from .tracer import Array, Maps
 
@@ -138,7 +137,7 @@ class RecordedFixer:
             image = bound.exposed(image if gain is None else image / gain, camera.sensor_id, time_s)
             model = self.cameras[view.sensor_id].model_at(view.time_s)
             references.append(ReferenceImage(image, model, view.world_from_view, *_warped(image, view, points, static)))
-        weight = np.where(unseen, marked_around(unseen, 1) / 9, 0).astype(np.float32)
+        weight = np.where(unseen, box_sums(unseen, 1) / 9, 0).astype(np.float32)
         of_pixels = confidence(flat, maps).reshape(depth.shape)
         view_to_fix = ImageToFix(
             frame.rgb,

@@ -11,9 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..geometry import BoolArray, FloatArray, bilinear, transform_points
+from ..geometry import BoolArray, FloatArray, bilinear, box_sums, transform_points
 from .tracer import Array
 
 FILL_VERSION = 1
@@ -68,16 +67,9 @@ class GroundFill:
 
 def share_of(known: BoolArray, seen: BoolArray, texel_m: float) -> Array:
     """Return how much of the map (X, Y, 1) is filled: texels that were not ``seen`` (X, Y), beside those that are ``known``."""
-    wanted = (marked_around(known, round(FILLED_M / texel_m)) > 0) & (marked_around(seen, UNSURE_TEXELS) == 0)
-    grown = marked_around(wanted, FEATHER_TEXELS // 2) / FEATHER_TEXELS**2
+    wanted = (box_sums(known, round(FILLED_M / texel_m)) > 0) & (box_sums(seen, UNSURE_TEXELS) == 0)
+    grown = box_sums(wanted, FEATHER_TEXELS // 2) / FEATHER_TEXELS**2
     return np.where(seen, 0, grown)[..., None].astype(np.float32)
-
-
-def marked_around(marked: BoolArray, reach: int) -> NDArray[np.int64]:
-    """Return how many of the texels within ``reach`` rows and columns of each are marked (X, Y)."""
-    total = np.pad(marked.astype(np.int64), ((reach + 1, reach), (reach + 1, reach))).cumsum(0).cumsum(1)
-    side = 2 * reach + 1
-    return np.asarray(total[side:, side:] - total[:-side, side:] - total[side:, :-side] + total[:-side, :-side])
 
 
 def filled(values: Array, known: BoolArray, along: int = ALONG) -> Array:
