@@ -123,9 +123,7 @@ class FrameShadows:
         )
         return pending.beside
 
-    def _probed(
-        self, pending: PendingImage, shadows: SunShadows, points: FloatArray
-    ) -> tuple[BoolArray, FloatArray]:
+    def _probed(self, pending: PendingImage, shadows: SunShadows, points: FloatArray) -> tuple[BoolArray, FloatArray]:
         """Move points (N, 3) onto the bare ground, and return whether the scene has a surface there (N,) and its brightness
         (N,), linear, in the camera's colours."""
         bare = self._blockers["bare"].tracer(shadows.bare, pending.tracer.quality)
