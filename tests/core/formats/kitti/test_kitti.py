@@ -14,11 +14,13 @@ from kitti_street import FRAMES, KittiStreet
 from opened_files import opened_below
 
 from unisim_blender.core.cli.main import unisim
+from unisim_blender.core.data.log import extras_of
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.formats.kitti.beams import USUAL, decide
 from unisim_blender.core.formats.kitti.read import LIDAR, KittiLog
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.sensors.lidar import lidar_rays
+from unisim_blender.core.world import light
 
 MILLIMETRE = 1.2e-3
 """What the layout keeps of a point, calibration's seven digits included, as far as 80 m."""
@@ -54,6 +56,20 @@ def test_poses_come_back_from_latitude_and_longitude(made: KittiStreet, log: Kit
     poses = log.drive.world_from_ego.at(times)
     np.testing.assert_allclose(poses[:, :3, 3], place - start(made), atol=1e-5)
     np.testing.assert_allclose(poses[:, :3, :3], turned.as_matrix(), atol=1e-7)
+
+
+def test_the_sun_stands_in_the_south_at_noon_by_the_dataset_s_summer_time(
+    made: KittiStreet, log: KittiLog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At 13.02 o'clock, a quarter of an hour before. Of a drive of another year nobody knows the clock."""
+    assert log.sun is None  # five frames are too short a way
+    monkeypatch.setattr(light, "LEAST_TRAVEL_M", 1.0)
+    sun = log.sun
+    assert sun is not None and -91 < sun.azimuth_deg < -82 and 39 < sun.elevation_deg < 40.5
+    later = shutil.copytree(made.path.parent, tmp_path / "day") / made.path.name
+    for stamps in later.rglob("timestamps*.txt"):
+        stamps.write_text(stamps.read_text().replace("2011-", "2012-"))
+    assert extras_of(open_log(later)).sun is None
 
 
 def test_the_spin_is_fitted_and_said(made: KittiStreet, log: KittiLog) -> None:

@@ -59,7 +59,7 @@ class KittiFiles:
 
     ``turns``: of a frame's sweep, when the LiDAR looked backward, forward, and backward again. ``oxts``: the IMU's records
     (T, 6), latitude, longitude, altitude, roll, pitch, yaw, at ``oxts_times_s`` (T,); None where there are none. ``notes``: a
-    sentence for each thing that is not there.
+    sentence for each thing that is not there. ``clock_ns``: the first frame's timestamp; None where there is none.
     """
 
     name: str
@@ -70,6 +70,7 @@ class KittiFiles:
     turns: dict[int, tuple[float, float, float]]
     oxts: FloatArray | None = None
     oxts_times_s: FloatArray | None = None
+    clock_ns: int | None = None
     boxes: list[BoxRecord] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     image_times: dict[str, dict[int, float]] = field(default_factory=dict)

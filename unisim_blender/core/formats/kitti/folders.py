@@ -222,7 +222,7 @@ def raw_files(path: Path) -> KittiFiles:
     notes = [*read.values(), *_strangers(folders, images)]
     oxts_files = frame_files(path / "oxts", (".txt",))
     files = KittiFiles(path.resolve().name, calibration, sweeps, images, {}, {}, notes=notes)
-    clock_ns = _frame_times(files, path, path)
+    files.clock_ns = clock_ns = _frame_times(files, path, path)
     _image_times(files, path, clock_ns)
     if oxts_files:
         files.oxts, files.oxts_times_s = _raw_oxts(path / "oxts", oxts_files, files, clock_ns)

@@ -18,6 +18,7 @@ from ...sensors.lidar import column_azimuths
 from ...world.box_tracks import TrackedBoxes, actors_of_boxes
 from ...world.classes import KITTI
 from ...world.drive import Camera, CameraModel, Drive, Lidar, RollingShutter
+from ...world.light import SunPosition, recorded_sun
 from ..common.file_log import FileLog, absent_frames
 from ..common.sensor_file import read_setup
 from . import VELODYNE, beside_tracking, tracking_sequence
@@ -33,6 +34,10 @@ BODY_MIN_M, BODY_MAX_M = np.array([-2.6, -1.1, -1.8]), np.array([1.6, 1.1, 0.3])
 """Box in the LiDAR's frame in which a return comes from the vehicle itself."""
 MARGIN_S = 0.25
 """So far beyond its poses a drive may have frames."""
+DAYS = tuple(np.array(["2011-09-26", "2011-10-04"], "datetime64[ns]").astype(np.int64))
+"""From and until when the dataset was recorded; of other drives the clock is not known."""
+UTC_LAG_S = 7200
+"""The dataset's timestamps are in Karlsruhe's summer time."""
 UNFIRED_STEPS = 0.6
 """An empty cell nearer to a return of its ring than this many columns was not fired at: the sensor's steps are not even."""
 
@@ -93,6 +98,14 @@ class KittiLog(FileLog):
         """The files of images and sweeps; see `LogExtras`."""
         images = (path for of_camera in self._files.images.values() for path in of_camera.values())
         return (*images, *self._files.sweeps.values())
+
+    @property
+    def sun(self) -> SunPosition | None:
+        """Where the sun stood at the first frame; None for a drive that is not one of the dataset's raw ones."""
+        files = self._files
+        if files.oxts is None or files.clock_ns is None or not DAYS[0] <= files.clock_ns < DAYS[1]:
+            return None
+        return recorded_sun(files.oxts[:, :2], imu_poses(files.oxts)[:, :3, 3], files.clock_ns * 1e-9 - UTC_LAG_S)
 
     def _size_stated(self, camera: str) -> str:
         return (
