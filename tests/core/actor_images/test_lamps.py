@@ -55,7 +55,7 @@ def test_a_street_without_lamps_that_change_has_none(tmp_path: Path) -> None:
 def test_they_are_searched_once(log_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     log = open_log(log_path)
     first = lamps_in(log)
-    monkeypatch.setattr(searched, "_search", lambda *_: pytest.fail("searched again"))
+    monkeypatch.setattr(searched, "_Box", lambda *_: pytest.fail("searched again"))
     assert lamps_in(log) == first
     lamp = first["traffic-light"][0]
     with pytest.raises(LogError, match="is no lamp"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,16 @@ import pytest
 from written_street import write_recipe
 
 from unisim_blender.core.errors import ScenarioError
-from unisim_blender.core.geometry import FloatArray
+from unisim_blender.core.geometry import Trajectory, invert_pose
+from unisim_blender.core.geometry import quaternion_from_matrix as turn
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
 from unisim_blender.core.render.captures import render_capture
-from unisim_blender.core.render.frame_lamps import _between
+from unisim_blender.core.render.frame_lamps import with_lamps
 from unisim_blender.core.render.lattice import Region
+from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.frames import CameraFrame
+from unisim_blender.core.world.drive import Actor, Appearance, Camera, CameraModel, RollingShutter
 from unisim_blender.core.world.encoding import decode_state, encode_state
 from unisim_blender.core.world.lamps import ActorLamp, LampPatch
 
@@ -119,16 +123,29 @@ def test_a_patch_is_on_the_face_that_a_ray_enters_by() -> None:
     np.testing.assert_allclose(drawn[0], 1.0, atol=1e-6)
 
 
-def test_pixels_between_cells_have_rays_of_their_own() -> None:
-    up, shape = 3, (5, 7)
-
-    def plane(y: FloatArray, x: FloatArray) -> FloatArray:
-        return np.stack([0.3 * y + 0.1 * x, 2 - 0.7 * x], -1)
-
-    y, x = (v.reshape(-1) for v in np.meshgrid(np.arange(15), np.arange(21), indexing="ij"))
-    middles = np.meshgrid(*((np.arange(n) + 0.5) * up - 0.5 for n in shape), indexing="ij")
-    np.testing.assert_allclose(_between(plane(*middles), y, x, up), plane(y, x), atol=1e-12)
-    inner = (y >= 3) & (y < 12)  # the same bits from the part of the cells that has a row more at each side
-    part = _between(plane(*middles)[1:], y[inner] - up, x[inner], up)
-    beyond = y[inner] >= 6
-    np.testing.assert_array_equal(part[beyond], _between(plane(*middles), y[inner], x[inner], up)[beyond])
+def test_pixels_of_cells_have_rays_of_their_own() -> None:
+    """Of part of the cells, too, pixels are the ones that a patch covers where the camera itself projects it."""
+    up, mount = 3, np.array([[0, 0, 1.0, 0], [-1.0, 0, 0, 0], [0, -1.0, 0, 1.5], [0, 0, 0, 1.0]])
+    shutter = RollingShutter(0.03)
+    model = CameraModel(60, 42, 50.0, 50.0, 30.0, 21.0, shutter)
+    moving = Trajectory(np.array([0.0, 1.0]), np.array([[0.0, 0, 1.5], [9.0, 0, 1.5]]), np.tile(turn(mount), (2, 1)))
+    camera = Camera("front", model, moving, {0: 0.5})
+    patch = LampPatch(0, -1, np.full(2, -0.5), 0.5, np.ones((2, 2, 2, 3), np.float32), np.ones((2, 2), np.float32))
+    lamp = ActorLamp("red", ("off", "on"), np.zeros(1), np.ones(1, np.int64), (patch,))
+    where = Trajectory(np.zeros(1), np.array([[15.0, 0.4, 1.2]]), np.array([[1.0, 0, 0, 0]]))
+    actor = Actor("car", "Car", np.full(3, 2.0), where, -1.0, 2.0, False, Appearance("car"), lamps=(lamp,))
+    u, v = pixel_grid(model, up)
+    shown = []
+    for cells in ((slice(None), slice(None)), (slice(2, 12), slice(3, 15))):
+        rays = camera_rays(camera, 0.5, u[cells], v[cells])
+        pending = SimpleNamespace(camera=camera, time_s=0.5, tracer=SimpleNamespace(upsample=up), lit={1: actor})
+        bound = SimpleNamespace(exposed=lambda colours, *_: colours)
+        maps = {"instance": np.ones(rays.time_s.size, np.int64)}
+        black = np.zeros((rays.time_s.shape[0] * up, rays.time_s.shape[1] * up, 3), np.float32)
+        shown.append(with_lamps(pending, bound, black, rays, maps))  # type: ignore[arg-type]
+    np.testing.assert_array_equal(shown[0][6:36, 9:45], shown[1])
+    y, x = np.nonzero(shown[0][..., 0] > 0.5)
+    line_s = 0.5 + 0.03 * ((y.mean() + 0.5) / 42 - 0.5)
+    at = invert_pose(camera.world_from_camera.at(line_s)) @ [14.0, 0.4, 1.2, 1.0]
+    np.testing.assert_allclose([x.mean() + 0.5, y.mean() + 0.5], np.stack(model.project(at[:3])[:2]), atol=0.5)
+    assert len(y) > 15

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import FloatArray, bilinear
+from ..geometry import FloatArray, bilinear, intersect_boxes
 from ..json_file import Node
+
+STATES = ("off", "on", "red", "amber", "green")
+"""All states that lamps are recognised in."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,17 +36,12 @@ class LampPatch:
     def drawn(self, origins: FloatArray, directions: FloatArray, size_m: FloatArray, state: int) -> tuple[Any, Any]:
         """Return colours (N, 3) of a state, and shares (N, 1), for rays (N, 3), (N, 3) in the frame of the box of ``size_m`` (3,)
         that enter it: zero for those that do by another face."""
-        safe = np.where(np.abs(directions) < 1e-12, 1e-12, directions)
-        enter = (-np.sign(safe) * size_m / 2 - origins) / safe
-        entered = (enter.argmax(1) == self.axis) & (np.sign(safe[:, self.axis]) == -self.side)
-        point = origins + enter.max(1)[:, None] * directions
-        at = (np.delete(point, self.axis, 1) - self.low) / self.texel_m - 0.5
-        padded = np.zeros((self.share.shape[0] + 2, self.share.shape[1] + 2, 4), np.float32)
-        padded[1:-1, 1:-1, 3:] = self.share[..., None]
-        padded[1:-1, 1:-1, :3] = self.colours[state] * self.share[..., None]
-        value = bilinear(padded, at[:, 1] + 1.5, at[:, 0] + 1.5)
-        share = value[:, 3:] * entered[:, None]
-        return value[:, :3] / np.maximum(value[:, 3:], 1e-6), share
+        point = origins + intersect_boxes(origins, directions, np.eye(4)[None], size_m[None])[0] * directions
+        entered = np.abs(point[:, self.axis] - self.side * size_m[self.axis] / 2) < 1e-9
+        at = (np.delete(point, self.axis, 1) - self.low) / self.texel_m + 1.0
+        layers = np.concatenate([self.colours[state], np.ones((*self.share.shape, 1))], -1) * self.share[..., None]
+        value = bilinear(np.pad(layers, ((1, 1), (1, 1), (0, 0))), at[:, 1], at[:, 0])
+        return value[:, :3] / np.maximum(value[:, 3:], 1e-6), value[:, 3:] * entered[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +54,7 @@ class ActorLamp:
     """
 
     name: str
-    states: tuple[str, str]
+    states: tuple[str, ...]
     times_s: FloatArray
     shown: NDArray[np.int64]
     patches: tuple[LampPatch, ...]
@@ -69,59 +67,39 @@ class ActorLamp:
 
     def switched(self, state: str, from_s: float, to_s: float) -> ActorLamp:
         """Return the lamp in a state from one time to another."""
-        after = self.at(to_s).shown
         before, later = self.times_s < from_s, self.times_s > to_s
         times = np.concatenate([self.times_s[before], [from_s, to_s], self.times_s[later]])
-        shown = [*self.shown[before], self.states.index(state), *after, *self.shown[later]]
+        shown = [*self.shown[before], self.states.index(state), *self.at(to_s).shown, *self.shown[later]]
         if not before.any() and np.isfinite(from_s):
             times, shown = np.concatenate([[-np.inf], times]), [self.shown[0], *shown]
         return replace(self, times_s=times, shown=np.array(shown, np.int64))
 
+    @cached_property
+    def content(self) -> bytes:
+        """All of it as JSON, for digests."""
+        return json.dumps(asdict(self), default=np.ndarray.tolist).encode()
+
     def to_json(self) -> dict[str, Any]:
         """Return the lamp as a JSON object."""
-        patches = [
-            {
-                "axis": patch.axis, "side": patch.side, "low": patch.low.tolist(), "texel_m": patch.texel_m,
-                "shape": list(patch.share.shape), "colours": patch.colours.tolist(), "share": patch.share.tolist(),
-            }
-            for patch in self.patches
-        ]  # fmt: skip
-        shown = {"times_s": self.times_s.tolist(), "shown": self.shown.tolist()}
-        return {
-            "name": self.name,
-            "states": list(self.states),
-            **shown,
-            "patches": patches,
-            "certainty": self.certainty,
-        }
+        return dict(json.loads(self.content))
 
     @staticmethod
     def from_json(node: Node) -> ActorLamp:
         """Return the lamp of `to_json`. Raises the node's error."""
-        off, on = (state.text() for state in node.key("states").elements())
-        times = node.key("times_s").array(-1)
-        shown = node.key("shown").array(len(times)).astype(np.int64)
-        patches = []
-        for patch in node.key("patches").elements():
-            height, width = (size.integer(1) for size in patch.key("shape").elements())
-            colours = patch.key("colours").array(2, height, width, 3).astype(np.float32)
-            share = patch.key("share").array(height, width).astype(np.float32)
-            axis, side, texel_m = (
-                patch.key("axis").integer(0),
-                patch.key("side").integer(),
-                patch.key("texel_m").number(),
+        patches = tuple(
+            LampPatch(
+                patch.key("axis").integer(0), patch.key("side").integer(), patch.key("low").array(2),
+                patch.key("texel_m").number(), patch.key("colours").array(2, -1, -1, 3).astype(np.float32),
+                patch.key("share").array(-1, -1).astype(np.float32),
             )
-            patches.append(LampPatch(axis, side, patch.key("low").array(2), texel_m, colours, share))
-        if not len(times) or not np.isin(shown, (0, 1)).all() or not all(p.axis < 3 and p.texel_m > 0 for p in patches):
-            node.fail("is no lamp")
-        return ActorLamp(
-            node.key("name").text(), (off, on), times, shown, tuple(patches), node.key("certainty").number()
+            for patch in node.key("patches").elements()
         )  # fmt: skip
-
-    @cached_property
-    def content(self) -> bytes:
-        """All of it as bytes, for digests."""
-        return json.dumps(self.to_json()).encode()
+        times, shown = node.key("times_s").array(-1), node.key("shown").array(-1).astype(np.int64)
+        states = tuple(state.text() for state in node.key("states").elements())
+        sound = all(p.axis < 3 and p.texel_m > 0 and p.colours.shape[1:3] == p.share.shape for p in patches)
+        if not (sound and len(times) == len(shown) > 0 and len(states) == 2 and np.isin(shown, (0, 1)).all()):
+            node.fail("is no lamp")
+        return ActorLamp(node.key("name").text(), states, times, shown, patches, node.key("certainty").number())
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ActorLamp) and self.content == other.content

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from ...errors import UnisimError
 from ...world.drive import Drive
+from ...world.lamps import STATES
 from ..checks import fail, listed, require
 from ..context import EditContext, current, with_actor
 from ..edit import Edit, register
@@ -28,6 +29,7 @@ class Lamp(Edit):
     to_s: float | None = None
 
     def check(self, scenario: Scenario, place: str) -> None:
+        require(self.state in STATES, f"{place}.state", f'no lamp is "{self.state}" {listed(STATES)}')
         ordered = self.from_s is None or self.to_s is None or self.from_s < self.to_s
         require(ordered, f"{place}.to_s", f"{self.to_s} must lie after from_s, {self.from_s}")
 
