@@ -131,7 +131,10 @@ def test_a_fixer_starts_from_filled_ground(backend: CompiledBackend, log: Log, g
     after, before = of(both), of(DriveFrames(Renderer(backend, fill=ground), gone))
     weight = given[-1].weight
     unfilled = of(DriveFrames(Renderer(backend), gone)).rgb
-    assert ((before.rgb != unfilled).any(-1) & (weight > 0)).sum() > 100
+    changed = (before.rgb != unfilled).any(-1)
+    assert (changed & (weight > 0)).sum() > 100
+    np.testing.assert_array_equal(given[-1].filled[changed] > 0, True)
+    assert not given[-1].filled[~changed].max() > 0.1 and given[-1].filled.max() <= 1
     expected = before.rgb + weight[..., None] * (np.array([1, 0, 1], np.float32) - before.rgb)
     np.testing.assert_allclose(after.rgb, expected, atol=1e-6)
 
