@@ -23,9 +23,11 @@ from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.prepare.renderers import RENDERERS
 from unisim_blender.core.render import recorded_depth as recorded_depth_module
+from unisim_blender.core.render import traced_ground as traced_ground_module
 from unisim_blender.core.render.fixers import FIXERS, ImageToFix, RecordedFixer, fixer_digest, fixer_named
 from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.render.traced_ground import ground_fill
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.sensors.frames import CameraFrame
 from unisim_blender.core.world.drive import Drive
@@ -117,6 +119,21 @@ def test_only_what_no_image_shows_is_drawn_anew(backend: CompiledBackend, log: L
     np.testing.assert_array_equal(tile.frame.rgb, after.rgb)
     assert drawn.renderer.margin(state) > WIDTH and not drawn.renderer.alone(state, camera)
     np.testing.assert_array_equal(plain.lidar("pandar64", FRAME).depth_m, drawn.lidar("pandar64", FRAME).depth_m)
+
+
+def test_a_fixer_starts_from_filled_ground(backend: CompiledBackend, log: Log, gone: Drive) -> None:
+    drive = backend.observed[0].drive
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(traced_ground_module, "TEXEL_M", 0.4)
+        ground = ground_fill(backend)
+    fixer = RecordedFixer(f"{__name__}:pink", log, drive.cameras)
+    both = DriveFrames(Renderer(backend, fill=ground, fixer=fixer), gone)
+    after, before = of(both), of(DriveFrames(Renderer(backend, fill=ground), gone))
+    weight = given[-1].weight
+    unfilled = of(DriveFrames(Renderer(backend), gone)).rgb
+    assert ((before.rgb != unfilled).any(-1) & (weight > 0)).sum() > 100
+    expected = before.rgb + weight[..., None] * (np.array([1, 0, 1], np.float32) - before.rgb)
+    np.testing.assert_allclose(after.rgb, expected, atol=1e-6)
 
 
 def test_weather_lies_over_what_was_drawn(backend: CompiledBackend, log: Log, gone: Drive) -> None:
@@ -249,14 +266,15 @@ def test_sequences_are_fixed_as_asked_and_say_so(tmp_path: Path, monkeypatch: py
         assert result.exit_code == 0, result.output
         return contents(tmp_path / out)
 
-    fixed, two, plain = files("one", "--jobs", "1"), files("two", "--jobs", "2"), files("none", "--fill", "none")
+    fixed, two = files("one", "--jobs", "1"), files("two", "--jobs", "2")
+    plain, textured = (files(fill, "--jobs", "1", "--fill", fill) for fill in ("none", "texture"))
     assert fixed == two
     manifest = json.loads(fixed["manifest.json"])
     assert manifest["settings"]["fill"] == NEAREST and len(manifest["environment"]["fixer"]) == 64
     assert "fixer" not in json.loads(plain["manifest.json"])["environment"]
     for name in fixed:
         if name.startswith(("camera", "lidar")):
-            assert (fixed[name] == plain[name]) == name.startswith("lidar"), name
+            assert fixed[name] != plain[name] and (fixed[name] == textured[name]) == name.startswith("lidar"), name
     for wrong, sentence in (("textur", "one of none, texture"), ("tests:no", "no")):
         refused = CliRunner().invoke(unisim, ["render", str(scenario), "--out", str(tmp_path / "no"), "--fill", wrong])
         assert refused.exit_code != 0 and not (tmp_path / "no").exists()

@@ -90,7 +90,7 @@ def _apply_settings(target: Target) -> None:
         scene.unisim.formats = set(outputs.formats or FRAME_FORMATS)
         scene.unisim.quality = outputs.quality or "balanced"
         scene.unisim.contact_shadows = bool(outputs.contact_shadows)
-        scene.unisim.fill_ground = outputs.fill == "texture"
+        scene.unisim.fill_ground = outputs.fill not in (None, "none")
         scene.unisim.fixer = "" if outputs.fill in (None, *FILLS) else outputs.fill
 
 

@@ -106,8 +106,8 @@ def render_options(
         "fill": click.option(
             "--fill",
             metavar="NAME",
-            help="texture: ground that nobody saw has the texture of the street around it; or a fixer of images: its name, or "
-            f"module:function. [default: {owner}, or none]",
+            help="texture: ground that nobody saw has the texture of the street around it; or the name of a fixer, or "
+            f"module:function, that draws on images after that. [default: {owner}, or none]",
         ),
         "renderer": click.option("--renderer", help=renderer, **kind),
         "scene": click.option("--scene", type=SourceParam(), help=f"A trained scene, in place of {scene or owner}."),

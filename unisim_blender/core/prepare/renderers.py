@@ -18,7 +18,7 @@ from ..errors import ScenarioError, SceneError
 from ..formats.readers import open_log
 from ..presets import methods
 from ..render.captures import CaptureStates
-from ..render.fixers import RecordedFixer
+from ..render.fixers import RecordedFixer, fixer_named
 from ..render.observed_space import Observing
 from ..render.quality import Quality, quality_named
 from ..render.renderer import Renderer, reach_of
@@ -111,16 +111,16 @@ class TrainedMethod(RenderMethod):
         """Load the scene and those that actors were inserted from. Raises `SceneError`."""
         assert recipe.scene is not None
         backend = load_backend(recipe.scene, recipe.others, recipe.quality, recipe.device)
-        if recipe.fill == "none" or not isinstance(backend, Observing):
+        if not recipe.is_filled or not isinstance(backend, Observing):
             return Renderer(backend, recipe.shadows)
-        if recipe.fill == "texture":
-            return Renderer(backend, recipe.shadows, fill=ground_fill(backend))
-        fixer = RecordedFixer(recipe.fill, open_log(recipe.log), recipe.scene.header.drive.cameras)
-        return Renderer(backend, recipe.shadows, fixer=fixer)
+        fixer = None
+        if fixer_named(recipe.fill) is not None:
+            fixer = RecordedFixer(recipe.fill, open_log(recipe.log), recipe.scene.header.drive.cameras)
+        return Renderer(backend, recipe.shadows, fill=ground_fill(backend), fixer=fixer)
 
     def steps(self, recipe: RendererRecipe) -> Iterator[Step]:
         """Trace and fill the ground, step by step, where it is not kept and asked for. Raises `SceneError`."""
-        if recipe.fill == "texture" and recipe.scene is not None:
+        if recipe.is_filled and recipe.scene is not None:
             backend = load_backend(recipe.scene, {}, recipe.quality, recipe.device)
             assert isinstance(backend, Observing)
             for step in trace_ground(backend):
@@ -134,8 +134,8 @@ class TrainedMethod(RenderMethod):
 
     def states(self, recipe: RendererRecipe, drive: Drive) -> CaptureStates:
         assert recipe.scene is not None
-        contact = recipe.shadows or recipe.fill == "texture"
-        return CaptureStates(DriveStates(drive, recipe.scene.header.parked), reach_of(contact))
+        reach = reach_of(recipe.shadows or recipe.is_filled)
+        return CaptureStates(DriveStates(drive, recipe.scene.header.parked), reach)
 
 
 for method in (SURFEL, WARP, *(TrainedMethod(name) for name in methods())):

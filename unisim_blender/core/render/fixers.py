@@ -1,4 +1,4 @@
-"""Fixers: functions that draw anew what no recorded image shows, in finished camera frames.
+"""Fixers: functions that draw anew what no recorded image shows, in finished camera frames, whose ground is filled before.
 
 A fixer is called with an `ImageToFix` and returns an image, of which only those pixels are used that show surfaces which no
 recorded image confirms (`RecordedDepth.unseen`): all others keep their bits. The images that it is given besides are recorded

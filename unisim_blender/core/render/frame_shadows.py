@@ -100,29 +100,20 @@ class FrameShadows:
 
     def _patches(self, pending: PendingImage, shadows: SunShadows, relit: Relit) -> list[SunPatch]:
         """Return the shade on the grounds on which an actor's shadows fall."""
-        recorded, bare = (
-            self._blockers[name].tracer(state, pending.tracer.quality)
-            for name, state in (("recorded", shadows.recorded), ("bare", shadows.bare))
-        )
+        recorded = self._blockers["recorded"].tracer(shadows.recorded, pending.tracer.quality)
         points = np.concatenate([ground[2] for ground in relit.grounds])
-        points[:, 2] -= bare.heights(points)
-        rgb, depth = colours_at(pending, points, self._blockers["bare"], bare)
-        known = (depth < 2 * PROBE_M) & shadows.is_open(points)
+        known, brightness = self._probed(pending, shadows, points)
+        known &= shadows.is_open(points)
         known[known] = shadows.in_recorded_sun(points[known], pending.time_s, recorded)
-        brightness = linear_from_srgb(rgb).mean(1).astype(np.float64)
         return shadows.patches(relit, points, known, brightness, self._beside(pending, shadows, recorded))
 
     def _beside(self, pending: PendingImage, shadows: SunShadows, recorded: Tracer[Any]) -> GroundBeside:
         """Return the ground beside what has changed, in the camera's colours."""
         if pending.beside is not None:
             return pending.beside
-        tracer = self._blockers["bare"].tracer(shadows.bare, pending.tracer.quality)
         ring, wide = shadows.ring, around(pending.camera.world_from_camera.at(pending.time_s)[:3, 3])
         points = np.concatenate([ring, wide])
-        points[:, 2] -= tracer.heights(points)
-        rgb, depth = colours_at(pending, points, self._blockers["bare"], tracer)
-        known = depth < 2 * PROBE_M
-        brightness = linear_from_srgb(rgb).mean(1).astype(np.float64)
+        known, brightness = self._probed(pending, shadows, points)
         of_wide = brightness[len(ring) :][known[len(ring) :]]
         full_sun = float(np.quantile(of_wide, FULL_SUN)) if len(of_wide) else 0.0
         known[len(ring) :] = False
@@ -131,3 +122,11 @@ class FrameShadows:
             points[known], shadows.ring_owner[known[: len(ring)]], brightness[known], full_sun
         )
         return pending.beside
+
+    def _probed(self, pending: PendingImage, shadows: SunShadows, points: FloatArray) -> tuple[BoolArray, FloatArray]:
+        """Move points (N, 3) onto the bare ground, and return whether the scene has a surface there (N,) and its brightness
+        (N,), linear, in the camera's colours."""
+        bare = self._blockers["bare"].tracer(shadows.bare, pending.tracer.quality)
+        points[:, 2] -= bare.heights(points)
+        rgb, depth = colours_at(pending, points, self._blockers["bare"], bare)
+        return depth < 2 * PROBE_M, linear_from_srgb(rgb).mean(1).astype(np.float64)

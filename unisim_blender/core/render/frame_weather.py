@@ -53,7 +53,9 @@ class FrameWeather:
         changes it. It is estimated once for an exposure. ``clear_frame`` renders a whole image that has no weather."""
         small = camera.resized(min(SKY_WIDTH_PX, camera.model.width))
         path = camera.world_from_camera.between(*exposure_window(camera, time_s))
-        key = (small.sensor_id, small.model_at(time_s), small.full_width, path.content(), time_s, quality)
+        assert state.weather is not None
+        of_day = state.weather.sun_elevation_deg < AS_RECORDED_DEG
+        key = (small.sensor_id, small.model_at(time_s), small.full_width, path.content(), time_s, quality, of_day)
         if key not in self._air:
             empty = replace(state, actors=(), static_copies=(), removed_boxes=(), weather=None, light=None)
             tracer = self._empty.tracer(empty, quality)
@@ -67,14 +69,15 @@ class FrameWeather:
             if len(self._air) >= MAX_STORED_AIR:
                 del self._air[next(iter(self._air))]
             frame = clear_frame(clear)
-            assert frame.depth_m is not None
-            shown = np.isfinite(frame.depth_m) & np.isfinite(rays.directions).all(-1)
-            points = rays.origins[shown] + rays.directions[shown] * frame.depth_m[shown, None]
-            low = np.abs(tracer.heights(points)) < wet_ground.GROUND_M
-            ground = linear_from_srgb(frame.rgb[shown][low]) @ camera_weather.LUMINANCE
-            full_sun = float(np.quantile(ground, FULL_SUN)) if len(ground) else 0.0
-            air = camera_weather.air_of(frame, small, time_s, probability)
-            self._air[key] = air._replace(full_sun=full_sun)
+            self._air[key] = camera_weather.air_of(frame, small, time_s, probability)
+            if of_day:
+                assert frame.depth_m is not None
+                shown = np.isfinite(frame.depth_m) & np.isfinite(rays.directions).all(-1)
+                points = rays.origins[shown] + rays.directions[shown] * frame.depth_m[shown, None]
+                low = np.abs(tracer.heights(points)) < wet_ground.GROUND_M
+                ground = linear_from_srgb(frame.rgb[shown][low]) @ camera_weather.LUMINANCE
+                full_sun = float(np.quantile(ground, FULL_SUN)) if len(ground) else 0.0
+                self._air[key] = self._air[key]._replace(full_sun=full_sun)
         return self._air[key]
 
 

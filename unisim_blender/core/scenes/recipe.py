@@ -160,6 +160,11 @@ class RendererRecipe:
     environment: Mapping[str, str]
     fill: str = "none"
 
+    @property
+    def is_filled(self) -> bool:
+        """Whether ground that nobody saw is filled, by itself or before a fixer draws."""
+        return self.fill != "none"
+
     def check(self) -> None:
         """Check that this machine renders the bytes of the one that planned. Raises `UnisimError`."""
         check_code(self.code)

@@ -40,7 +40,7 @@ MAX_STEPS = 256
 class Air(NamedTuple):
     """What a camera's clear image says of the air: ``light`` (3,), the airlight, linear Rec.709, and ``open_sky`` (h, w),
     where a coarse image of all of it shows sky, 0 to 1: beams would not return from there (`sky_shown`). ``full_sun`` is the
-    luminance of ground in the sun, 0 where there is none."""
+    luminance of ground in the sun, 0 where there is none, or no time of day is asked for."""
 
     light: FloatArray
     open_sky: NDArray[np.float32]

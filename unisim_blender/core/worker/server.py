@@ -26,7 +26,7 @@ from ..formats.readers import drive_in, open_log
 from ..prepare.renderers import UNTRAINED_DEFAULT
 from ..render.changes import RenderedState, changed_regions, joined_where_cheaper
 from ..render.confidence import RecordedDepth
-from ..render.fixers import RecordedFixer
+from ..render.fixers import RecordedFixer, fixer_named
 from ..render.ground_fill import GroundFill
 from ..render.lattice import Region
 from ..render.observed_space import ObservedSpace, Observing, cache_space, cached_space, observe_space
@@ -180,10 +180,10 @@ class Jobs:
             depth = None
             fill = fixer = None
             how = str(request.get("fill", "none"))
-            if how == "texture" and isinstance(backend, Observing):
+            if how != "none" and isinstance(backend, Observing):
                 fill = yield from self._fill(backend, scene)
-            elif how != "none" and isinstance(backend, Observing):
-                fixer = RecordedFixer(how, open_log(_text(request, "log")), scene.header.drive.cameras)
+                if fixer_named(how) is not None:
+                    fixer = RecordedFixer(how, open_log(_text(request, "log")), scene.header.drive.cameras)
             if (fixer or "confidence" in request.get("passes", ())) and isinstance(backend, Observing):
                 depth = yield from self._recorded_depth(backend, scene)
             clip = bool(request.get("clip"))

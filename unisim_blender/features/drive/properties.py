@@ -202,7 +202,8 @@ class UniSimScene(bpy.types.PropertyGroup):
     )
     fixer: StringProperty(
         name="Fixer",
-        description="Function that draws anew what no recorded image shows: its name, or module:function",
+        description="Function that draws anew what no recorded image shows, after ground is filled: its name, or "
+        "module:function",
     )
     show_ways: BoolProperty(
         name="Trajectories",
