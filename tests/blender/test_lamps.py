@@ -77,7 +77,7 @@ def test_lamps_are_found_keyed_and_exported(scene: Any, log_path: Path, tmp_path
     recorded = json.loads(scene.unisim_lamps[lamps["traffic-light", "red-green"]].recorded)
     assert [state for state, _ in recorded] == ["red", "green"] and recorded[1][1] == pytest.approx(0.9, abs=0.06)
     # one of them keyed, one throughout
-    key(scene, lamps["car-01", "red"], (0, "recorded"), (5, "off"), (12, "on"), (15, "recorded"))
+    key(scene, lamps["car-01", "red"], (0, "recorded"), (5, "off"), (8, "off"), (12, "on"), (15, "recorded"))
     scene.unisim_lamps[lamps["traffic-light", "red-green"]].state = "green"
     wanted = [Lamp(**{name: value for name, value in edit.items() if name != "type"}) for edit in EDITS]
     wanted[0] = Lamp("traffic-light", "green", "red-green")

@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from buttons import CROSS, found_at, open_panel, place_of, press, region_of
+from buttons import CROSS, KNOWN, found_at, open_panel, place_of, press, region_of
 from hands import click, edits, key, middle, scenario, sidebar, to
 from session import MODULE, OUT, area, choose, inside, results, screenshot, start, until, view
 from tasks import arrived, install, task
@@ -76,6 +76,7 @@ def keyed() -> Iterator[float]:
     path = f"unisim_lamps[{number}].state"
     for frame, column in ((5, 0.5), (12, 0.2)):
         scene.frame_set(frame)
+        KNOWN.clear()  # the buttons of a setting have one path
         yield from press(path, columns=(column,))
         yield from key("I")
         yield 0.5

@@ -27,14 +27,17 @@ def lamp_id(obj: bpy.types.Object) -> str:
 
 def lamp_settings(scene: bpy.types.Scene) -> tuple[LampSetting, ...]:
     """Return what a scene's lamps are set to, without those that are as recorded."""
-    settings = []
+    settings: list[LampSetting] = []
     for number, lamp in enumerate(scene.unisim_lamps):
         path = f"unisim_lamps[{number}].state"
         points = [key.co for curve in curves_of(scene) if curve.data_path == path for key in curve.keyframe_points]
         keys = [(float(frame), SETTINGS[round(value)]) for frame, value in points] or [(-inf, lamp.state)]
         starts = [-inf, *(frame for frame, _ in keys[1:]), inf]
         for (_, state), first, end in zip(keys, starts[:-1], starts[1:], strict=True):
-            settings.append(LampSetting(lamp.actor, lamp.name, state, first, end))
+            setting = LampSetting(lamp.actor, lamp.name, state, first, end)
+            if settings and settings[-1] == setting._replace(first=settings[-1].first, end=first):  # keyed once more
+                setting = setting._replace(first=settings.pop().first)
+            settings.append(setting)
     return tuple(setting for setting in settings if setting.state != "recorded")
 
 

@@ -27,7 +27,7 @@ def lamp_text(name: str) -> Text:
 
 
 @register
-class Lamps(GroupReader):
+class LampReader(GroupReader):
     """Reads the lamps of actors that are there with an appearance of the log."""
 
     group = "ACTOR"

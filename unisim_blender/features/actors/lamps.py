@@ -91,10 +91,11 @@ class UNISIM_PT_lamps(DrivePanel, bpy.types.Panel):
                 if state in {"recorded", lamp.state, *known}:
                     row.prop_enum(lamp, "state", state)
             row.prop_decorator(lamp, "state")
-            spans = [Text("{state} from {time:.1f} s", state=Text(a.capitalize()), time=at) for a, at in recorded]
+            spans = [Text("{state} from {time:.1f} s", state=Text(a.capitalize()), time=at) for a, at in recorded[1:]]
+            spans = [Text(state.capitalize()) for state, _ in recorded[:1]] + spans
             draw_problem(box, localized(series(spans)) if spans else interface("Not searched yet"))
         if not lamps:
-            layout.label(text="No lamp that changes")
+            layout.label(text="No lamp found")
 
 
 PROPERTIES = ((bpy.types.Scene, "unisim_lamps", CollectionProperty(type=UniSimLamp)),)
