@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from .agreement import LagAgreement, agreement
 from .refine import Refined, corrected, refine
 from .sweeps import planes_of, reference_lidar, standing
 
-VERSION = 1
+VERSION = 2
 """Counted on whenever what is measured or refined changes: what an older program cached is made anew."""
 WORSE_M = 0.01
 """Refined poses are not used where sweeps agree by this much less at any lag."""
@@ -37,11 +37,11 @@ class PosesReport:
         doubtful = [row for row in self.lags if row.is_doubtful]
         if not doubtful:
             return ""
-        row = max(doubtful, key=lambda row: row.apart_m - row.plausible_m)
+        row = max(doubtful, key=lambda row: row.off_planes_m - row.plausible_off_planes_m)
         return (
-            f"the poses drift: {self.lidar}'s returns lie {row.apart_m * 100:.0f} cm (median) from the nearest one of the "
-            f"sweep {row.lag} frames later, and {row.plausible_m * 100:.0f} cm where the two sweeps are registered, "
-            f"which moves them by {row.moved_m:.2f} m"
+            f"the poses drift: {self.lidar}'s returns lie {row.off_planes_m * 100:.1f} cm (median) from the planes of the "
+            f"sweep {row.lag} frames later, and {row.plausible_off_planes_m * 100:.1f} cm where the two sweeps are "
+            f"registered, which moves them by {row.moved_m:.2f} m"
         )
 
     @property
@@ -77,8 +77,8 @@ def measured(log: Log) -> PosesReport:
 
 
 def _row(node: Node) -> LagAgreement:
-    values = (node.key(name).number() for name in ("apart_m", "plausible_m", "moved_m"))
-    return LagAgreement(node.key("lag").integer(), *values)
+    distances = (node.key(member.name).number() for member in fields(LagAgreement)[1:])
+    return LagAgreement(node.key("lag").integer(), *distances)
 
 
 @dataclass(frozen=True)
