@@ -29,8 +29,9 @@ MODULES = tuple(
     features.settings features.actors.assets
 
     features.sidebar features.first_steps features.drive.panel features.actor_list.panel features.actors.panel
-    features.motion.panel features.tracks.panel features.edits.panel features.variants.panel features.ego features.sensors.panel
-    features.weather features.check features.output.panel features.training features.simulation.panel features.batch.panel
+    features.actors.lamps features.motion.panel features.tracks.panel features.edits.panel features.variants.panel
+    features.ego features.sensors.panel features.weather features.check features.output.panel features.training
+    features.simulation.panel features.batch.panel
     panels.statusbar
 
     operators.menus viewport.overlays features.simulation.overlay features.motion.overlay features.motion.gizmos

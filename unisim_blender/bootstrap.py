@@ -4,6 +4,7 @@ interpreter has the extension's wheels, where they are for its version of Python
 python bootstrap.py WHEELS probe              says in JSON what the interpreter has
 python bootstrap.py WHEELS serve FOLDER       the worker: requests on stdin, events on stdout, pixels in files in FOLDER
 python bootstrap.py WHEELS actors LOG         makes thumbnails of a log's actors, and writes a line of JSON for each
+python bootstrap.py WHEELS lamps LOG SCENE    finds lamps in a log's images, in the world of a trained scene or "", into the cache
 python bootstrap.py WHEELS pip ARGUMENTS      pip, which the extension brings
 python bootstrap.py WHEELS cli ARGUMENTS      the command line `unisim`
 
@@ -17,6 +18,7 @@ import os
 import runpy
 import signal
 import sys
+from functools import partial
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
@@ -82,6 +84,13 @@ def main() -> None:
         from unisim_blender.core.formats.readers import open_log
 
         tell(open_log(Path(arguments[0])))
+    elif what == "lamps":
+        from unisim_blender.core.prepare.scenario import lamps_at
+        from unisim_blender.core.scenes.scene import Scene
+
+        log, scene = arguments
+        said = partial(print, flush=True)
+        lamps_at(Path(log), Scene(Path(scene)) if scene else None, lambda share: said(json.dumps({"share": share})))
     elif what == "pip":
         if wheels in sys.path:
             sys.path.insert(0, wheels)  # before an older one of the interpreter's own

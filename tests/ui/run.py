@@ -64,6 +64,7 @@ SESSIONS = {
     "importing": ["--enable-event-simulate"],
     "first_image": ["--enable-event-simulate"],
     "tracks": ["--enable-event-simulate"],
+    "lamps": ["--enable-event-simulate"],
 }
 """What each file's Blender is started with besides; the one with simulated events hears no others."""
 CI_SESSIONS = ("person", "displaced", "panel", "points", "window", "hands")
@@ -116,6 +117,8 @@ def main(
     if own or needed & set(chosen):
         recorded = own or (street() if "importing" in chosen else synthetic("long", "80", "96", "54"))
         shutil.copytree(recorded, work / "log")
+    if "lamps" in chosen:
+        shutil.copytree(synthetic("lamps", "20", "480", "270", "--lamps"), work / "lamp_log")
     if "tracks" in chosen and not own:
         without_boxes(street(), work)
     if {"layouts", "tracks"} & set(chosen):
@@ -189,11 +192,11 @@ def street() -> Path:
     return synthetic("street", "20", "480", "270")
 
 
-def synthetic(name: str, frames: str, width: str, height: str) -> Path:
+def synthetic(name: str, frames: str, width: str, height: str, *more: str) -> Path:
     """Return the folder of a log of a procedural street, made where it is missing."""
     folder = REPOSITORY / "out" / name
     if not folder.is_dir():
-        recipe = ["--frames", frames, "--width", width, "--height", height, "--seed", "0"]
+        recipe = ["--frames", frames, "--width", width, "--height", height, "--seed", "0", *more]
         subprocess.run([str(Path(sys.executable).parent / "unisim"), "synth", str(folder), *recipe], check=True)
     return folder
 

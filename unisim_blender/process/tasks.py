@@ -197,6 +197,21 @@ def _end(process: subprocess.Popen[bytes]) -> None:
         process.kill()
 
 
+class ShareTask(Task):
+    """A command that says, in objects with a ``share`` from 0 to 1, how much is done."""
+
+    hears = True
+    units = translatable("{done} of {total} %")
+    share = 0.0
+
+    @property
+    def done(self) -> float:
+        return 100.0 * self.share
+
+    def hear(self, event: dict[str, Any]) -> None:
+        self.share = float(event.get("share", self.share))
+
+
 class SequenceTask(Task):
     """Frames rendered into a folder."""
 

@@ -166,6 +166,7 @@ class ViewportImage:
             scene.unisim.contact_shadows,
             scene.unisim.fill,
             weather_and_sun(scene),
+            tuple(lamp.state for lamp in scene.unisim_lamps),
             options.mode,
             options.unsupported,
             options.confidence,

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...core.geometry import invert_pose
 from ...core.meshes.read import read_mesh
-from ...core.scenario.edits import CopyStatic, RemoveStatic, Row
+from ...core.scenario.edits import CopyStatic, Lamp, RemoveStatic, Row
 from ...core.scenario.edits.ego_body import DEFAULT_LABEL, EgoBody
 from ...core.scenario.motion.placement import pose_of
 from ...core.scenario.sensors.document import CameraSpec, LidarSpec
@@ -28,6 +28,7 @@ from ...editing.sensors.mounts import lag, lidar_json
 from ..importing.drive import animate, ride_on_vehicle
 from ..objects.ego_bodies import mount_body
 from ..objects.imported import collection_of, entitle, imported_objects, make, mark_static, new_actor, stand_at
+from ..objects.lamps import apply_lamps
 from ..objects.meshes import object_of
 from ..objects.sensors import set_model
 from ..objects.settings import apply_simulation
@@ -81,6 +82,7 @@ def _apply_settings(target: Target) -> None:
     apply_simulation(scene, target.scenario.simulation)
     apply_weather(scene, target.scenario.weather, target.clock)
     apply_light(scene, target.scenario.light, target.clock)
+    apply_lamps(scene, (edit for edit in target.scenario.edits if isinstance(edit, Lamp)), target.clock)
     if names_captures(scene.unisim.stated):
         scene.unisim.stated_range = (scene.frame_start, scene.frame_end, scene.frame_step)
     if outputs is not None:

@@ -18,6 +18,7 @@ from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled, SampledObject
 from ...editing.texts import unpacked
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects, skipped_sensors, source_of
+from ..objects.lamps import lamp_settings
 from .adjacent_frames import moved_by_keys
 from .from_keys import Sampler, evaluated
 from .stepping import refuse_stretching, shown_names, static_items
@@ -120,13 +121,14 @@ def read_steps(scene: bpy.types.Scene) -> Iterator[None]:
     sampler = Sampler(scene, clock, shown_names(scene.view_layers[0].layer_collection))
     known: dict[GroupKey, tuple[object, tuple[EditLine, ...]]] = {}
     marked = tuple((item.name, item.model) for item in scene.unisim.static_items)
-    lines: list[EditLine] = []
+    lines, lamps = list[EditLine](), lamp_settings(scene)
     for key, group in _groups(scene, source.drive).items():
         signature = (
             tuple(sampler.signature(obj) for obj in group),
             clock.frames.tobytes(),
             str(source.scene_path),
             marked if key[0] == "STATIC" else (),
+            tuple(lamp for lamp in lamps if lamp.actor == key[1]),
         )
         before = reading.known.get(key)
         free = [obj for obj in group if not moved_by_keys(obj)]
@@ -185,7 +187,9 @@ def _lines(
     key: GroupKey, sampled: list[SampledObject], drive: Drive, clock: Clock, scene: bpy.types.Scene
 ) -> Iterator[EditLine]:
     """Yield the lines of a group."""
-    read = Sampled(scene.name, clock, tuple(sampled), static_items(scene), skipped_sensors(scene))
+    read = Sampled(
+        scene.name, clock, tuple(sampled), static_items(scene), skipped_sensors(scene), lamps=lamp_settings(scene)
+    )
     return group_lines(*key, read, drive)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..objects.animation import curves_of
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects
+from ..objects.lamps import lamp_settings
 from ..objects.meshes import size_of
 from .from_keys import DELTA_PROPERTIES, KEYABLE_PROPERTIES, LENS_PROPERTIES
 
@@ -34,7 +35,7 @@ def edit_state(scene: bpy.types.Scene) -> str:
         digest.update(repr(said).encode())
     rest: list[object] = [(item.name, item.model) for item in scene.unisim.static_items]
     rest += [pair for layer in scene.view_layers for pair in _left_out(layer.layer_collection)]
-    rest += [scene.render.frame_map_old, scene.render.frame_map_new]
+    rest += [scene.render.frame_map_old, scene.render.frame_map_new, *lamp_settings(scene)]
     digest.update(repr(rest).encode())
     return digest.hexdigest()
 

@@ -20,6 +20,7 @@ from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled, SampledObject, Scaling, rigid, scaling_of
 from ..objects.animation import curves_of, keyed_values
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects, skipped_sensors, title_of, with_parents
+from ..objects.lamps import lamp_settings
 from ..objects.trajectories import local_poses, trajectory_of
 from ..objects.weather import scene_light, scene_weather
 from .adjacent_frames import evaluate_beside, moved_by_keys
@@ -206,7 +207,9 @@ def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[StepsDone, N
         sampled.append(completed(sampler.sample(obj, *beside.get(obj.name, ())), obj, lambda: depsgraph_of(scene)))
         yield (done := done + 1), total
     items, weather, light = static_items(scene), scene_weather(scene), scene_light(scene)
-    return Sampled(scene.name, clock, tuple(sampled), items, skipped_sensors(scene), weather, light)
+    return Sampled(
+        scene.name, clock, tuple(sampled), items, skipped_sensors(scene), weather, light, lamp_settings(scene)
+    )
 
 
 def by_keys_alone(obj: bpy.types.Object) -> bool:

@@ -28,6 +28,7 @@ from ..objects.imported import (
     skipped_sensors,
     title_of,
 )
+from ..objects.lamps import lamp_settings
 from ..objects.meshes import extent_of, mesh_model_of, size_of
 from ..objects.sensors import camera_model_of
 from ..objects.trajectories import span_of
@@ -80,7 +81,9 @@ def sample(
         scaling = Scaling() if obj.unisim.mesh else scaling_of(matrices[i], poses[i], there[i])
         sampled.append(completed(described(obj, poses[i], there[i], scaling, size), obj, lambda: depsgraph))
     items, weather, light = static_items(scene), scene_weather(scene), scene_light(scene)
-    return Sampled(scene.name, clock, tuple(sampled), items, skipped_sensors(scene), weather, light)
+    return Sampled(
+        scene.name, clock, tuple(sampled), items, skipped_sensors(scene), weather, light, lamp_settings(scene)
+    )
 
 
 def static_items(scene: bpy.types.Scene) -> dict[str, str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -72,9 +72,11 @@ def prepare_scenario(
     return PreparedScenario(scenario, recorded, edited, own, log_path, scenes)
 
 
-def lamps_at(log_path: Path, scene: Scene | None) -> Mapping[str, tuple[ActorLamp, ...]]:
-    """Return the lamps that the images of the log at a path show in two states, in the world of its scene. Raises `LogError`."""
-    return lamps_in(open_log(log_path) if scene is None else log_of_scene(scene, log_path))
+def lamps_at(
+    log_path: Path, scene: Scene | None, progress: Callable[[float], object] = lambda share: None
+) -> Mapping[str, tuple[ActorLamp, ...]]:
+    """Return the lamps that the images of the log at a path show in two states, in the world of its scene (`lamps_in`)."""
+    return lamps_in(open_log(log_path) if scene is None else log_of_scene(scene, log_path), progress)
 
 
 def scenario_at(path: Path | str, scenes: OpenScenes | None = None) -> Scenario:

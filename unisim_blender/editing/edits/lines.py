@@ -51,6 +51,7 @@ PARTS = {
         EditPart("INSERT", "ADD", OWN_OBJECT),
         EditPart("MESH", "MESH_MONKEY", OWN_OBJECT),
         EditPart("SCALE", "FULLSCREEN_ENTER", "scale"),
+        EditPart("LAMP", "LIGHT", ""),
         EditPart("BODY", "AUTO", OWN_OBJECT),
         EditPart("SENSOR", "CAMERA_DATA"),
         EditPart("EGO", "AUTO"),
@@ -134,7 +135,7 @@ def conflicting(line: EditLine, lines: Iterable[EditLine]) -> list[EditLine]:
         for other in lines
         if other.muted < 0
         and not other.is_own_object
-        and other.part != "PROBLEM"
+        and PARTS[other.part].carrier
         and (other.kind, other.uid) == (line.kind, line.uid)
     ]
     if part.is_absence:

@@ -9,3 +9,4 @@ from .static_items import StaticItems as StaticItems
 from .ego import EgoReader as EgoReader
 from .sensors import SensorReader as SensorReader
 from .maneuvers import Maneuvers as Maneuvers
+from .lamps import LampReader as LampReader

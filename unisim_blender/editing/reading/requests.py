@@ -7,7 +7,7 @@ worker gets a state.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -17,16 +17,18 @@ import numpy as np
 from ...core.errors import UnisimError
 from ...core.prepare.capture_request import capture_request
 from ...core.scenario import apply_scenario, check_scenario
+from ...core.scenario.edits import Lamp
 from ...core.scenario.motion.trajectories import SAME_TIME_S
 from ...core.scenario.sensors.document import CameraSpec, Sensors
 from ...core.scenario.sensors.select import camera_members
 from ...core.scenario.types import Scenario
 from ...core.scenes.scene import capability_warnings, without_other_scenes
 from ...core.world.drive import Camera, CameraModel, Drive, Lidar
+from ...core.world.lamps import ActorLamp
 from ..edits.trajectories import keyframes
 from ..sampled.clock import Clock
 from ..sampled.scene import Sampled, SampledObject, optical
-from ..sampled.source import OPENED, DriveSource, scene_actors
+from ..sampled.source import OPENED, DriveSource, lamps_of, scene_actors
 from ..sensors.names import sensor_id
 from ..texts import Text
 from .scenario import read_scenario, unreadable_actors
@@ -70,7 +72,13 @@ def camera_request(
     time_s = clock.capture(camera, frame).time_s(camera)
     # as `unisim render` resizes a camera: its own width decides how finely an image is traced
     camera = replace(camera, model=model, full_width=camera.model.width)
-    return CameraRequest(_request(source, edited, camera, time_s), model, scenario, indices(sampled))
+    values = _request(source, edited, camera, time_s)
+    if _lamps_shown(scenario, source) is None:
+        values["warnings"] = [
+            *values["warnings"],
+            Text("Lamps are as recorded until Find Lamps has searched the images"),
+        ]
+    return CameraRequest(values, model, scenario, indices(sampled))
 
 
 def without_unreadable(
@@ -123,15 +131,21 @@ def edited_drive(scenario: Scenario, source: DriveSource) -> Drive:
     without its sensors.
     """
     check_scenario(scenario)
-    edits = replace(scenario, sensors=None)
-    if not _newest or _newest[0][0] is not source or _newest[0][1] != edits:
-        _newest[:] = [(source, edits, apply_scenario(edits, source.drive, scene_actors))]
+    edits, lamps = replace(scenario, sensors=None), _lamps_shown(scenario, source)
+    if not _newest or _newest[0][0] is not source or _newest[0][1] != (edits, lamps is None):
+        seen = None if lamps is None else lambda: lamps
+        _newest[:] = [(source, (edits, lamps is None), apply_scenario(edits, source.drive, scene_actors, seen))]
     # sensors are put on the edited vehicle, after all edits
     return apply_scenario(replace(scenario, edits=(), boxes=None, frames=None), _newest[0][2], scene_actors)
 
 
-_newest: list[tuple[DriveSource, Scenario, Drive]] = []
+_newest: list[tuple[DriveSource, tuple[Scenario, bool], Drive]] = []
 """The newest drive, and what it was edited from and by."""
+
+
+def _lamps_shown(scenario: Scenario, source: DriveSource) -> Mapping[str, tuple[ActorLamp, ...]] | None:
+    """Return the lamps that a scenario's edits need; None where they were not found before."""
+    return lamps_of(source) if any(isinstance(edit, Lamp) for edit in scenario.edits) else {}
 
 
 def _request(source: DriveSource, edited: Drive, sensor: Camera | Lidar, time_s: float) -> dict[str, Any]:

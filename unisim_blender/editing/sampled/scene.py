@@ -159,6 +159,17 @@ class SampledObject:
         return self.name == self.original_name
 
 
+class LampSetting(NamedTuple):
+    """A lamp of an actor, by their names in a scenario, that is set to a state from one frame to another, which are infinite
+    where no key comes before or after."""
+
+    actor: str
+    lamp: str
+    state: str
+    first: float
+    end: float
+
+
 @dataclass(frozen=True)
 class Sampled:
     """The objects of a scene at the frames of ``clock``, in order of their names. ``items`` are the static items that
@@ -172,6 +183,7 @@ class Sampled:
     skipped: frozenset[str] = frozenset()
     weather: WeatherSpec | None = None
     light: LightSpec | None = None
+    lamps: tuple[LampSetting, ...] = ()
 
     def of(self, *kinds: str) -> Iterator[SampledObject]:
         """The objects of some kinds."""

@@ -14,6 +14,7 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
+from ...core.actor_images.lamps import cached_lamps
 from ...core.data.log import Log
 from ...core.errors import LogError, UnisimError, remedy_of, what_is_missing
 from ...core.formats.readers import folders_below, open_log, reader_of
@@ -25,6 +26,7 @@ from ...core.scenario import FORMAT
 from ...core.scenes.scene import OpenScenes
 from ...core.simulation.rollout.steps import SCENARIO_NAME, STEPS_NAME
 from ...core.world.drive import Actor, Box, Drive
+from ...core.world.lamps import ActorLamp
 from ...core.world.replay import parked_boxes
 from ..texts import Text, counted, series
 
@@ -115,6 +117,18 @@ def open_source(log: str, scene: str) -> DriveSource:
         _newest.clear()
         _newest[key] = source
     return source
+
+
+_lamps: list[tuple[DriveSource, Mapping[str, tuple[ActorLamp, ...]] | None]] = []
+"""The newest drive whose lamps were looked for in the cache, and these."""
+
+
+def lamps_of(source: DriveSource, again: bool = False) -> Mapping[str, tuple[ActorLamp, ...]] | None:
+    """Return the lamps of a drive's actors by their ids, as they were found before; None where they were not. It looks in the
+    cache once, unless ``again``."""
+    if again or not _lamps or _lamps[0][0] is not source:
+        _lamps[:] = [(source, None if source.log is None else cached_lamps(source.log))]
+    return _lamps[0][1]
 
 
 def _opened(path: Path) -> Log:

@@ -16,6 +16,7 @@ from ...bridge.changes.applying import apply_edits
 from ...bridge.changes.variants import delete_variant, show_variant
 from ...bridge.importing.drive import import_source, recorded_colours, set_colours
 from ...bridge.objects.imported import has_drive, skipped_sensors, source_of
+from ...bridge.objects.lamps import put_lamps
 from ...bridge.views.rollouts import actor_names, keep_rollout, mark_rollout, scene_of_rollout
 from ...bridge.window import areas, drive, fit_camera_view, object_mode, show_tab
 from ...core.errors import UnisimError
@@ -33,6 +34,7 @@ from ...editing.sampled.source import (
     ImportOptions,
     Recognised,
     is_rollout,
+    lamps_of,
     open_source,
     recognised,
     scene_actors,
@@ -105,6 +107,7 @@ class _ImportDrive(InSteps, ImportHelper):
             if out := default_folder("output"):
                 context.scene.unisim.out = str(Path(out, source.log_path.name.removesuffix(SUFFIX)))
         context.scene.unisim.first_steps |= first_in_file
+        put_lamps(context.scene, lamps_of(source, again=True) or {})
         if first and self.timer is not None:
             yield from show_drive(context, first_in_file)
 

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 
 from ...bridge.sampling.edit_list import reading_of
-from ...editing.edits.lines import EditLine
+from ...editing.edits.lines import PARTS, EditLine
 from ...editing.texts import counted
 from ...translations import interface, localized
 from ..problems import draw_problem, draw_rows, panel_rows
@@ -90,7 +90,7 @@ def draw_line(layout: Any, line: EditLine, rows: Callable[..., list[str]] = pane
     if line.muted >= 0:
         whose = interface("Muted: {edit}", edit=whose)
     draw_rows(below, rows(whose), "BLANK1")
-    if fault:
+    if not PARTS[line.part].carrier:
         return
     buttons = row.row(align=True)
     buttons.alignment = "RIGHT"

@@ -51,7 +51,7 @@ from ...editing.sampled.source import DriveSource, open_source
 from ...editing.texts import Text, translatable
 from ...preferences import interpreter
 from ...process.background import launch
-from ...process.tasks import Task
+from ...process.tasks import ShareTask
 from ...translations import localized, message
 from ..operator_bases import AtOnce, EditsObjects, Needing, in_thread, nothing_runs, reporting
 from .following import selected_boxes
@@ -89,21 +89,10 @@ def begin(scene: bpy.types.Scene, tracks: list[Track], source: DriveSource) -> l
     return boxes
 
 
-class FindTask(Task):
+class FindTask(ShareTask):
     """Actors found in the sweeps of a log."""
 
     title = translatable("Finding actors")
-    hears = True
-    units = translatable("{done} of {total} %")
-    share = 0.0
-
-    @property
-    def done(self) -> float:
-        return 100.0 * self.share
-
-    def hear(self, event: dict[str, Any]) -> None:
-        """Take the share that is done."""
-        self.share = float(event.get("share", self.share))
 
     def finish(self) -> None:
         """Put the boxes that were found into the scene that asked for them."""
