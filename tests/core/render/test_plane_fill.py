@@ -21,8 +21,8 @@ from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.plane_fill import (
     FACADE_M,
     UNSURE_TEXELS,
-    Kind,
     PlaneFill,
+    SensorKind,
     Texture,
     TexturedPlane,
     filled,
@@ -66,7 +66,7 @@ def test_places_between_texels_and_outside_of_the_map() -> None:
     share = np.ones((4, 3, 1), np.float32)
     grid_from_world = np.eye(4)
     grid_from_world[:3, 3] = [10, 20, 0]
-    textures: dict[Kind, Texture] = {Camera: Texture(colours, share), Lidar: Texture(colours[..., :1], share / 2)}
+    textures: dict[SensorKind, Texture] = {Camera: Texture(colours, share), Lidar: Texture(colours[..., :1], share / 2)}
     fill = PlaneFill((TexturedPlane(grid_from_world, 2.0, None, textures),))
     points = np.array([[-9.0, -19, 5], [-3, -14.9, 0], [-8, -19, 0], [-8, -19, 9], [-3, -15, 0]])
     for kind, part in ((Camera, 1.0), (Lidar, 0.5)):

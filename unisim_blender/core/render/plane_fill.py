@@ -40,7 +40,7 @@ ALONG = 5
 """How often a map is halved along its rows, before it is halved in both directions."""
 
 
-Kind = type[Camera] | type[Lidar]
+SensorKind = type[Camera] | type[Lidar]
 
 
 @dataclass(frozen=True)
@@ -60,9 +60,9 @@ class TexturedPlane:
     grid_from_world: FloatArray
     texel_m: float
     relief: Array | None
-    textures: Mapping[Kind, Texture]
+    textures: Mapping[SensorKind, Texture]
 
-    def at(self, kind: Kind, points: FloatArray) -> tuple[NDArray[np.int64], Array, Array, FloatArray]:
+    def at(self, kind: SensorKind, points: FloatArray) -> tuple[NDArray[np.int64], Array, Array, FloatArray]:
         """Return the numbers (M,) of those points (N, 3), world frame, that have a share above 0, the texture's values (M, C) and
         shares (M, 1) there, bilinear between texels, and how far they are off the relief (M,), 0 without one."""
         local, texture = transform_points(self.grid_from_world, points), self.textures[kind]
@@ -87,7 +87,7 @@ class PlaneFill:
     planes: tuple[TexturedPlane, ...]
 
     def of(
-        self, kind: Kind, points: FloatArray, heights: Callable[[FloatArray], FloatArray]
+        self, kind: SensorKind, points: FloatArray, heights: Callable[[FloatArray], FloatArray]
     ) -> tuple[NDArray[np.int64], Array, Array]:
         """Return the numbers (M,) of those points (N, 3), world frame, that a plane fills for sensors of a kind, of several the
         closest; its values (M, C) and shares (M, 1) there. ``heights`` gives heights (N,) above the ground."""

@@ -26,8 +26,8 @@ from .plane_fill import (
     PROBE_M,
     REACH_M,
     TEXEL_M,
-    Kind,
     PlaneFill,
+    SensorKind,
     Texture,
     TexturedPlane,
     filled,
@@ -37,7 +37,7 @@ from .quality import QUALITIES
 from .recorded_depth import empty_view, shots, trace_recorded
 from .tracer import NEAR_M, Tracer
 
-NAMES: dict[Kind, str] = {Camera: "colours", Lidar: "intensity"}
+NAMES: dict[SensorKind, str] = {Camera: "colours", Lidar: "intensity"}
 
 
 def trace_planes(backend: Observing) -> Iterator[float | PlaneFill]:
