@@ -167,7 +167,8 @@ def _places(
     if grid[2, 2] == 1:
         points[:, 2] -= tracer.heights(points)
         return points
-    off = grid[2, :3] * np.sign(np.median(transform_points(grid, header.drive.world_from_ego.positions)[:, 2]))
+    path = transform_points(grid, header.drive.world_from_ego.positions)
+    off = grid[2, :3] * (1 if np.median(path[:, 2]) > 0 else -1)
     starts, toward = points + FACADE_M * off, np.broadcast_to(-off, points.shape).copy()
     depth = tracer.trace(
         Rays(starts, toward, np.full(len(points), time_s)), {"depth"}, False, None, RenderStats()
