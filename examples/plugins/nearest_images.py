@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from unisim_blender.core.render.fixers import ImageToFix
-from unisim_blender.core.render.ground_fill import filled
+from unisim_blender.core.render.plane_fill import filled
 from unisim_blender.core.render.tracer import Array
 
 
 def fix(view: ImageToFix) -> Array:
-    """Return the image with what no recorded image shows interpolated from the pixels around."""
-    image, known = view.image.copy(), view.weight == 0
+    """Return the image with what no recorded image shows, and is not filled, interpolated from the pixels around."""
+    image, known = view.image.copy(), (view.weight == 0) | (view.filled > 0.5)
     for reference in reversed(view.references):
         image[reference.shown & ~known] = reference.warped[reference.shown & ~known]
     for reference in view.references:

@@ -23,11 +23,11 @@ from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.prepare.renderers import RENDERERS
 from unisim_blender.core.render import recorded_depth as recorded_depth_module
-from unisim_blender.core.render import traced_ground as traced_ground_module
+from unisim_blender.core.render import traced_planes as traced_planes_module
 from unisim_blender.core.render.fixers import FIXERS, ImageToFix, RecordedFixer, fixer_digest, fixer_named
 from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.render.traced_ground import ground_fill
+from unisim_blender.core.render.traced_planes import plane_fill
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.sensors.frames import CameraFrame
 from unisim_blender.core.world.drive import Drive
@@ -124,14 +124,17 @@ def test_only_what_no_image_shows_is_drawn_anew(backend: CompiledBackend, log: L
 def test_a_fixer_starts_from_filled_ground(backend: CompiledBackend, log: Log, gone: Drive) -> None:
     drive = backend.observed[0].drive
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(traced_ground_module, "TEXEL_M", 0.4)
-        ground = ground_fill(backend)
+        patch.setattr(traced_planes_module, "TEXEL_M", 0.4)
+        ground = plane_fill(backend)
     fixer = RecordedFixer(f"{__name__}:pink", log, drive.cameras)
     both = DriveFrames(Renderer(backend, fill=ground, fixer=fixer), gone)
     after, before = of(both), of(DriveFrames(Renderer(backend, fill=ground), gone))
     weight = given[-1].weight
     unfilled = of(DriveFrames(Renderer(backend), gone)).rgb
-    assert ((before.rgb != unfilled).any(-1) & (weight > 0)).sum() > 100
+    changed = (before.rgb != unfilled).any(-1)
+    assert (changed & (weight > 0)).sum() > 100
+    np.testing.assert_array_equal(given[-1].filled[changed] > 0, True)
+    assert not given[-1].filled[~changed].max() > 0.1 and given[-1].filled.max() <= 1
     expected = before.rgb + weight[..., None] * (np.array([1, 0, 1], np.float32) - before.rgb)
     np.testing.assert_allclose(after.rgb, expected, atol=1e-6)
 

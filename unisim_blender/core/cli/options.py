@@ -106,8 +106,8 @@ def render_options(
         "fill": click.option(
             "--fill",
             metavar="NAME",
-            help="texture: ground that nobody saw has the texture of the street around it; or the name of a fixer, or "
-            f"module:function, that draws on images after that. [default: {owner}, or none]",
+            help="texture: ground and façades that nobody saw have the texture of the street around them; or the name of a "
+            f"fixer, or module:function, that draws on images after that. [default: {owner}, or none]",
         ),
         "renderer": click.option("--renderer", help=renderer, **kind),
         "scene": click.option("--scene", type=SourceParam(), help=f"A trained scene, in place of {scene or owner}."),

@@ -22,7 +22,7 @@ from ..render.fixers import RecordedFixer, fixer_named
 from ..render.observed_space import Observing
 from ..render.quality import Quality, quality_named
 from ..render.renderer import Renderer, reach_of
-from ..render.traced_ground import ground_fill, trace_ground
+from ..render.traced_planes import plane_fill, trace_planes
 from ..render.tracer import Backend
 from ..render.tracers.surfels.build import Step, finished
 from ..render.tracers.surfels.cache import build_key, surfels_of
@@ -116,14 +116,14 @@ class TrainedMethod(RenderMethod):
         fixer = None
         if fixer_named(recipe.fill) is not None:
             fixer = RecordedFixer(recipe.fill, open_log(recipe.log), recipe.scene.header.drive.cameras)
-        return Renderer(backend, recipe.shadows, fill=ground_fill(backend), fixer=fixer)
+        return Renderer(backend, recipe.shadows, fill=plane_fill(backend), fixer=fixer)
 
     def steps(self, recipe: RendererRecipe) -> Iterator[Step]:
-        """Trace and fill the ground, step by step, where it is not kept and asked for. Raises `SceneError`."""
+        """Trace and fill ground and façades, step by step, where these are not kept and asked for. Raises `SceneError`."""
         if recipe.is_filled and recipe.scene is not None:
             backend = load_backend(recipe.scene, {}, recipe.quality, recipe.device)
             assert isinstance(backend, Observing)
-            for step in trace_ground(backend):
+            for step in trace_planes(backend):
                 if isinstance(step, float):
                     yield Step("Filling the ground", step)
 

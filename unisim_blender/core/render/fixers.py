@@ -1,4 +1,4 @@
-"""Fixers: functions that draw anew what no recorded image shows, in finished camera frames, whose ground is filled before.
+"""Fixers: functions that draw anew what no recorded image shows, in finished camera frames that are filled (`PlaneFill`).
 
 A fixer is called with an `ImageToFix` and returns an image, of which only those pixels are used that show surfaces which no
 recorded image confirms (`RecordedDepth.unseen`): all others keep their bits. The images that it is given besides are recorded
@@ -55,14 +55,16 @@ class ReferenceImage:
 @dataclass(frozen=True)
 class ImageToFix:
     """A rendered image (H, W, 3), sRGB in 0..1; its depth (H, W), metres along the ray, inf where nothing is hit; ``instance``
-    (H, W), 0 for what is no actor; its confidence (H, W), 0..1; ``weight`` (H, W), 0..1, how much of the result is used; the
-    recorded images closest to it, the closest first; its camera and pose."""
+    (H, W), 0 for what is no actor; its confidence (H, W), 0..1; ``weight`` (H, W), 0..1, how much of the result is used, and
+    ``filled`` (H, W), 0..1, how much of the image is filled ground or façade; the recorded images closest to it, the closest
+    first; its camera and pose."""
 
     image: Array
     depth_m: Array
     instance: NDArray[np.int32]
     confidence: Array
     weight: Array
+    filled: Array
     references: tuple[ReferenceImage, ...]
     model: CameraModel
     world_from_camera: FloatArray
@@ -138,6 +140,11 @@ class RecordedFixer:
             model = self.cameras[view.sensor_id].model_at(view.time_s)
             references.append(ReferenceImage(image, model, view.world_from_view, *_warped(image, view, points, static)))
         weight = np.where(unseen, box_sums(unseen, 1) / 9, 0).astype(np.float32)
+        filled = np.zeros(depth.size, np.float32)
+        if pending.fill is not None:
+            some = np.flatnonzero(static)
+            there, _, share = pending.fill.of(Camera, points.reshape(-1, 3)[some], pending.tracer.heights)
+            filled[some[there]] = share[:, 0]
         of_pixels = confidence(flat, maps).reshape(depth.shape)
         view_to_fix = ImageToFix(
             frame.rgb,
@@ -145,6 +152,7 @@ class RecordedFixer:
             instance.copy(),
             of_pixels,
             weight,
+            filled.reshape(depth.shape),
             tuple(references),
             frame.model,
             frame.world_from_camera,

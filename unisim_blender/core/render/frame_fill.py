@@ -1,4 +1,4 @@
-"""Rendered images and sweeps whose ground is filled where nobody saw it."""
+"""Rendered images and sweeps whose ground and façades are filled where nobody saw them."""
 
 from __future__ import annotations
 
@@ -9,31 +9,29 @@ from numpy.typing import NDArray
 
 from ..geometry import BoolArray, FloatArray
 from ..sensors.rays import Rays
-from ..weather.wet_ground import GROUND_M
+from ..world.drive import Camera, Lidar
 from .contact_shadow import shaded
-from .ground_fill import GroundFill
 from .pending_image import Binding, PendingImage
+from .plane_fill import PlaneFill
 from .tracer import Array, Maps, Tracer
 
 
 def filled_image(
     pending: PendingImage,
-    fill: GroundFill,
+    fill: PlaneFill,
     bound: Binding,
     image: NDArray[np.float32],
     points: FloatArray,
     ground: BoolArray,
     maps: Maps,
 ) -> tuple[NDArray[np.float32], Maps]:
-    """Return the image, and its maps, with the ground filled that nobody saw, which no recorded ray supports, with contact
-    shadows of recorded actors: others' are added later. Pixels show ``points`` (H, W, 3), ``ground`` (H, W) where those
-    are of no actor."""
+    """Return the image, and its maps, with the ground and façades filled that nobody saw, which no recorded ray supports, with
+    contact shadows of recorded actors: others' are added later. Pixels show ``points`` (H, W, 3), ``ground`` (H, W) where
+    those are of no actor."""
     up, flat = pending.tracer.upsample, points.reshape(-1, 3)
     some = np.flatnonzero(ground)
-    colours, share = fill.of_image(flat[some], np.ones(len(some), bool))
-    there = np.flatnonzero(share[:, 0] > 0)
-    there = there[np.abs(pending.tracer.heights(flat[some[there]])) < GROUND_M]
-    some, colours, share = some[there], colours[there], share[there]
+    there, colours, share = fill.of(Camera, flat[some], pending.tracer.heights)
+    some = some[there]
     below = np.ones(len(some), bool)
     recorded = [a for a in pending.state.actors if not a.inserted and a.visible_to(pending.camera)]
     colours = shaded(colours[None], flat[some][None], below[None], recorded, pending.time_s)[0]
@@ -49,18 +47,19 @@ def filled_image(
 
 
 def filled_intensity(
-    fill: GroundFill | None,
+    fill: PlaneFill | None,
     tracer: Tracer[Any],
     rays: Rays,
     depth: Array,
     intensity: Array,
     instance: NDArray[np.int32],
 ) -> Array:
-    """Return the intensities (N,) of flat beams (N,), those on ground that no sweep saw as it is filled."""
+    """Return the intensities (N,) of flat beams (N,), those on ground and façades that no sweep saw as these are filled."""
     if fill is None:
         return intensity
     points = rays.origins + rays.directions * depth[:, None]
-    low = np.abs(tracer.heights(points)) < GROUND_M
-    ground = (instance.reshape(-1) == 0) & (depth > 0) & low
-    filled, share = fill.of_beams(points, ground)
-    return np.where(share[:, 0] > 0, intensity + share[:, 0] * (filled[:, 0] - intensity), intensity)
+    some = np.flatnonzero((instance.reshape(-1) == 0) & (depth > 0))
+    there, filled, share = fill.of(Lidar, points[some], tracer.heights)
+    intensity, some = intensity.copy(), some[there]
+    intensity[some] += share[:, 0] * (filled[:, 0] - intensity[some])
+    return intensity

@@ -20,7 +20,7 @@ from ..weather import wet_ground
 from ..weather.spray import Puffs
 from ..world.drive import Actor, Camera
 from ..world.replay import WorldState
-from .ground_fill import GroundFill
+from .plane_fill import PlaneFill
 from .quality import Quality
 from .sun_shadow import GroundBeside, SunPatch, SunShadows
 from .tracer import Backend, Maps, Tracer
@@ -66,8 +66,8 @@ class PendingImage:
     """Spray behind vehicles, once it is looked for."""
     particles: camera_weather.DrawnParticles | None = None
     """Drops and flakes in the image, once they are drawn."""
-    fill: GroundFill | None = None
-    """What the ground has where nobody saw it; None where that is to stay as the scene has it."""
+    fill: PlaneFill | None = None
+    """What ground and façades have where nobody saw them; None where they are to stay as the scene has them."""
     is_fixed: bool = False
     """Whether a fixer draws anew what no recorded image shows."""
     lit: dict[int, Actor] = field(default_factory=dict)
@@ -80,7 +80,7 @@ class PendingImage:
 
     @property
     def needs_rays(self) -> bool:
-        """Whether the frame is finished by its rays: for shadows, for filled ground and for confidence."""
+        """Whether the frame is finished by its rays: for shadows, for what is filled and for confidence."""
         return self.is_drawn_on or "confidence" in self.passes
 
     @property

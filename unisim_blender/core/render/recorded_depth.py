@@ -34,7 +34,7 @@ def trace_recorded(backend: Backend, header: SceneHeader) -> Iterator[float | Re
     rows = {uid: row for row, uid in enumerate(sorted(header.drive.actors), 1)}
     for number, (sensor, time_s) in enumerate(captures):
         yield number / len(captures)
-        view, rays = _empty_view(sensor, time_s)
+        view, rays = empty_view(sensor, time_s)
         shape = rays.time_s.shape
         depth, actor = stored.get(f"depth{number}"), stored.get(f"actor{number}")
         if depth is None or actor is None or not depth.shape == actor.shape == shape:
@@ -80,7 +80,7 @@ def shots(header: SceneHeader) -> Iterator[tuple[Camera | Lidar, float]]:
                 yield sensor, sensor.time_s[frame]
 
 
-def _empty_view(sensor: Camera | Lidar, time_s: float) -> tuple[DepthView, Rays]:
+def empty_view(sensor: Camera | Lidar, time_s: float) -> tuple[DepthView, Rays]:
     """Return a sensor's view without distances, and the rays (h, w) that these are traced along."""
     none: tuple[Array, Array, NDArray[np.int16]] = (np.empty((0, 0), np.float32),) * 2 + (np.empty((0, 0), np.int16),)
     pose = sensor.trajectory.at(time_s)

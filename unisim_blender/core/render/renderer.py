@@ -5,7 +5,7 @@ Backend.bind                the scene, ready for this state                trace
 hit_by_camera, hit_by_rays  where rays hit meshes                         meshes/
 Tracer.trace                samples, fields, depth order, passes
 Tracer.image, returns       features to pixels, to intensity and returns
-filled_image                ground that nobody saw        frame_fill.py
+filled_image                planes that nobody saw        frame_fill.py
 FrameShadows, fill_passes   shadows, cells to pixels      frame_shadows.py, lattice.py
 RecordedFixer.fix           what no recorded image shows         fixers.py
 put_in_weather              weather                       frame_weather.py
@@ -43,9 +43,9 @@ from .frame_fill import filled_image, filled_intensity
 from .frame_lamps import with_lamps
 from .frame_shadows import FrameShadows
 from .frame_weather import FrameWeather, put_in_weather, sweep_in_weather
-from .ground_fill import GroundFill
 from .lattice import NEAR_BOXES, Region, SparseImage, Tile, aligned, fill_passes, progressive_strides
 from .pending_image import FINISHING_MAPS, Binding, PendingImage, colours_at, ground_of
+from .plane_fill import PlaneFill
 from .sun_shadow import sun_shadows
 from .tracer import NEAR_M, Array, Backend, Maps, Tracer
 from .visibility import Reach
@@ -63,7 +63,7 @@ class Renderer:
 
     ``shadows`` adds contact shadows under inserted actors. ``lighting`` is the backend that traces the ground around
     meshes, from which they are lit, where ``backend`` shows only part of it. ``recorded_depth`` is what confidence is
-    computed from, where it is at hand. ``fill`` is what the ground has where nobody saw it, ``fixer`` what draws anew
+    computed from, where it is at hand. ``fill`` is what ground and façades have where nobody saw them, ``fixer`` what draws anew
     what no recorded image shows.
     """
 
@@ -73,7 +73,7 @@ class Renderer:
         shadows: bool = False,
         lighting: Backend | None = None,
         recorded_depth: RecordedDepth | None = None,
-        fill: GroundFill | None = None,
+        fill: PlaneFill | None = None,
         fixer: RecordedFixer | None = None,
     ) -> None:
         self.backend, self.shadows, self._recorded_depth, self.fill = backend, shadows, recorded_depth, fill

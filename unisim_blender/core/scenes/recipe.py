@@ -162,7 +162,7 @@ class RendererRecipe:
 
     @property
     def is_filled(self) -> bool:
-        """Whether ground that nobody saw is filled, by itself or before a fixer draws."""
+        """Whether ground and façades that nobody saw are filled, by itself or before a fixer draws."""
         return self.fill != "none"
 
     def check(self) -> None:

@@ -27,12 +27,12 @@ from ..prepare.renderers import UNTRAINED_DEFAULT
 from ..render.changes import RenderedState, changed_regions, joined_where_cheaper
 from ..render.confidence import RecordedDepth
 from ..render.fixers import RecordedFixer, fixer_named
-from ..render.ground_fill import GroundFill
 from ..render.lattice import Region
 from ..render.observed_space import ObservedSpace, Observing, cache_space, cached_space, observe_space
+from ..render.plane_fill import PlaneFill
 from ..render.recorded_depth import trace_recorded
 from ..render.renderer import Renderer
-from ..render.traced_ground import trace_ground
+from ..render.traced_planes import trace_planes
 from ..render.tracers.surfels.build import Step, preliminary_surfels
 from ..render.tracers.surfels.cache import surfels_of
 from ..render.tracers.surfels.model import SurfelScene
@@ -71,7 +71,7 @@ class Jobs:
         """Surfels for first images, and the time, seconds, near which they were recorded."""
         self.spaces: dict[Scene, ObservedSpace] = {}
         self.depths: dict[Scene, RecordedDepth] = {}
-        self.fills: dict[Scene, GroundFill] = {}
+        self.fills: dict[Scene, PlaneFill] = {}
         self.build: Iterator[Step | SurfelScene] | None = None
         self.first_build: tuple[float, Iterator[Step | SurfelScene]] | None = None
         self.rendered: dict[int, RenderedState] = {}
@@ -208,11 +208,11 @@ class Jobs:
                     yield {"event": "progress", "text": "Working out what was observed", "share": step}
         return self.depths[scene]
 
-    def _fill(self, backend: Observing, scene: Scene) -> Generator[WorkerMessage, None, GroundFill]:
-        """Return the filled ground of a trained scene; yields events of progress while it is computed."""
+    def _fill(self, backend: Observing, scene: Scene) -> Generator[WorkerMessage, None, PlaneFill]:
+        """Return the filled ground and façades of a trained scene; yields events of progress while it is computed."""
         if scene not in self.fills:
-            for step in trace_ground(backend):
-                if isinstance(step, GroundFill):
+            for step in trace_planes(backend):
+                if isinstance(step, PlaneFill):
                     self.fills = {scene: step}
                 else:
                     yield {"event": "progress", "text": "Filling the ground", "share": step}

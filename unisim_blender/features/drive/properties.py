@@ -198,7 +198,8 @@ class UniSimScene(bpy.types.PropertyGroup):
     contact_shadows: BoolProperty(name="Contact shadows", description="Soft shadows under copied and inserted actors")
     fill_ground: BoolProperty(
         name="Fill Ground",
-        description="Ground that nobody saw has the texture of the street around it, computed once for a trained scene",
+        description="Ground and façades that nobody saw have the texture of the street around them, computed once for a "
+        "trained scene",
     )
     fixer: StringProperty(
         name="Fixer",

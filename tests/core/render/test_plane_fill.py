@@ -1,4 +1,4 @@
-"""The ground that nobody saw, filled with what was seen of the same street: in images and in sweeps."""
+"""Ground and façades that nobody saw, filled with what was seen of the same street: in images and in sweeps."""
 
 from __future__ import annotations
 
@@ -14,14 +14,27 @@ from rendered_folder import contents
 
 from unisim_blender.core import native
 from unisim_blender.core.cli.main import unisim
+from unisim_blender.core.geometry import FloatArray, transform_points
 from unisim_blender.core.render import recorded_depth as recorded_depth_module
-from unisim_blender.core.render import traced_ground as module
-from unisim_blender.core.render.ground_fill import UNSURE_TEXELS, GroundFill, filled, share_of
+from unisim_blender.core.render import traced_planes as module
 from unisim_blender.core.render.lattice import Region
+from unisim_blender.core.render.plane_fill import (
+    FACADE_M,
+    UNSURE_TEXELS,
+    PlaneFill,
+    SensorKind,
+    Texture,
+    TexturedPlane,
+    filled,
+    share_of,
+)
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.render.traced_ground import ground_fill, trace_ground
+from unisim_blender.core.render.traced_planes import plane_fill, trace_planes
+from unisim_blender.core.render.tracer import Array
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
-from unisim_blender.core.world.drive import Drive
+from unisim_blender.core.scenario import apply_scenario, scenario_from_json
+from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
+from unisim_blender.core.world.drive import Camera, Drive, Lidar
 
 SAMPLE = Path(__file__).parents[3] / "sample" / "scene"
 FRAME = 5
@@ -53,12 +66,34 @@ def test_places_between_texels_and_outside_of_the_map() -> None:
     share = np.ones((4, 3, 1), np.float32)
     grid_from_world = np.eye(4)
     grid_from_world[:3, 3] = [10, 20, 0]
-    fill = GroundFill(grid_from_world, 2.0, colours, share, colours[..., :1], share)
-    points = np.array([[-9.0, -19, 5], [-8, -19, 0], [-3, -15, 0], [-3, -14.9, 0], [-8, -19, 0]])
-    ground = np.array([True, True, True, True, False])
-    shown, part = fill.of_image(points, ground)
-    np.testing.assert_allclose(shown[[0, 1, 2]], [colours[0, 0], colours[:2, 0].mean(0), colours[3, 2]])
-    np.testing.assert_array_equal(part[:, 0], [1, 1, 1, 0, 0])
+    textures: dict[SensorKind, Texture] = {Camera: Texture(colours, share), Lidar: Texture(colours[..., :1], share / 2)}
+    fill = PlaneFill((TexturedPlane(grid_from_world, 2.0, None, textures),))
+    points = np.array([[-9.0, -19, 5], [-3, -14.9, 0], [-8, -19, 0], [-8, -19, 9], [-3, -15, 0]])
+    for kind, part in ((Camera, 1.0), (Lidar, 0.5)):
+        number, shown, shares = fill.of(kind, points, lambda places: places[:, 2] - [5, 0, 0, 0][: len(places)])
+        np.testing.assert_array_equal(number, [0, 2, 4])
+        expected = np.array([colours[0, 0], colours[:2, 0].mean(0), colours[3, 2]])
+        np.testing.assert_allclose(shown, expected[:, : shown.shape[1]])
+        np.testing.assert_array_equal(shares, np.full((3, 1), part))
+
+
+def test_the_closest_plane_fills_what_lies_on_its_surface() -> None:
+    share = np.ones((20, 20, 1), np.float32)
+    wall = np.eye(4)
+    wall[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
+    relief = share * 0
+    relief[10:] = 0.4  # a pilaster before the wall
+
+    def plane(grid: FloatArray, relief: Array | None, value: float) -> TexturedPlane:
+        return TexturedPlane(grid, 0.1, relief, {Camera: Texture(np.repeat(share, 3, 2) * value, share)})
+
+    fill = PlaneFill((plane(np.eye(4), None, 0.25), plane(wall, relief, 0.75)))
+    on_wall, on_ground, before = [0.5, 0.02, 1.0], [0.5, 1.0, 0.0], [0.5, -0.4, 1.0]
+    on_pilaster, behind, in_corner = [1.5, -0.4, 1.0], [1.5, 0.0, 1.0], [0.5, 0.09, 0.05]
+    points = np.array([on_wall, on_ground, before, on_pilaster, behind, in_corner])
+    number, shown, _ = fill.of(Camera, points, lambda places: places[:, 2])
+    np.testing.assert_array_equal(number, [0, 1, 3, 5])
+    np.testing.assert_allclose(shown[:, 0], [0.75, 0.25, 0.75, 0.25])
 
 
 def test_what_was_seen_is_not_filled_and_nothing_far_from_it() -> None:
@@ -70,21 +105,31 @@ def test_what_was_seen_is_not_filled_and_nothing_far_from_it() -> None:
 
 
 @pytest.fixture(scope="module")
-def fill(backend: CompiledBackend, tmp_path_factory: pytest.TempPathFactory) -> GroundFill:
+def fill(backend: CompiledBackend, tmp_path_factory: pytest.TempPathFactory) -> PlaneFill:
     """A coarse map of the sample, which comes from the cache the second time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("UNISIM_CACHE", str(tmp_path_factory.mktemp("cache")))
         patch.setattr(recorded_depth_module, "VIEWS_PER_SENSOR", 5)
         patch.setattr(module, "TEXEL_M", 0.2)
-        *fractions, first = trace_ground(backend)
+        *fractions, first = trace_planes(backend)
         shares = [each for each in fractions if isinstance(each, float)]
-        assert isinstance(first, GroundFill) and len(shares) == len(fractions)
+        assert isinstance(first, PlaneFill) and len(shares) == len(fractions)
         assert shares == sorted(shares) and shares[-1] <= 1
         patch.setattr(CompiledBackend, "bind", None)
-        again = ground_fill(backend)
-        for name in ("colours", "colour_share", "intensity", "intensity_share", "grid_from_world"):
-            np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
+        again = plane_fill(backend)
+        assert len(first.planes) == len(again.planes) > 3
+        for one, other in zip(first.planes, again.planes, strict=True):
+            np.testing.assert_array_equal(one.grid_from_world, other.grid_from_world)
+            for kind, texture in one.textures.items():
+                np.testing.assert_array_equal(texture.values, other.textures[kind].values)
+                np.testing.assert_array_equal(texture.share, other.textures[kind].share)
     return first
+
+
+def aside(drive: Drive, left_m: float) -> Drive:
+    edits = [{"type": "ego", "shift": [{"frame": 0, "left_m": left_m}]}]
+    document = {"format": "unisim-scenario", "version": 1, "name": "s", "log": "l", "edits": edits}
+    return apply_scenario(scenario_from_json(document, Path("s.json")), drive, lambda path: {})
 
 
 def without_parked_cars(drive: Drive) -> Drive:
@@ -92,7 +137,7 @@ def without_parked_cars(drive: Drive) -> Drive:
     return replace(drive, actors={uid: actor for uid, actor in drive.actors.items() if uid not in gone})
 
 
-def test_images_are_filled_where_no_image_saw_the_ground(backend: CompiledBackend, fill: GroundFill) -> None:
+def test_images_are_filled_where_no_image_saw_the_ground(backend: CompiledBackend, fill: PlaneFill) -> None:
     drive = without_parked_cars(backend.observed[0].drive)
     plain, whole = (DriveFrames(Renderer(backend, fill=each), drive) for each in (None, fill))
     passes = ("rgb", "depth", "instance", "unsupported")
@@ -113,14 +158,14 @@ def test_images_are_filled_where_no_image_saw_the_ground(backend: CompiledBacken
     np.testing.assert_array_equal(part.rgb, after.rgb[60:120, 20:200])
 
 
-def test_recorded_images_stay(backend: CompiledBackend, fill: GroundFill) -> None:
+def test_recorded_images_stay(backend: CompiledBackend, fill: PlaneFill) -> None:
     drive = backend.observed[0].drive
     plain, whole = (DriveFrames(Renderer(backend, fill=each), drive) for each in (None, fill))
     before, after = (frames.camera("front_camera", 4, ("rgb",), 240).rgb for frames in (plain, whole))
     assert (before != after).any(-1).mean() < 0.01
 
 
-def test_sweeps_are_filled_where_no_sweep_saw_the_ground(backend: CompiledBackend, fill: GroundFill) -> None:
+def test_sweeps_are_filled_where_no_sweep_saw_the_ground(backend: CompiledBackend, fill: PlaneFill) -> None:
     drive = without_parked_cars(backend.observed[0].drive)
     plain, whole = (DriveFrames(Renderer(backend, fill=each), drive) for each in (None, fill))
     before, after = (frames.lidar("pandar64", FRAME) for frames in (plain, whole))
@@ -128,10 +173,29 @@ def test_sweeps_are_filled_where_no_sweep_saw_the_ground(backend: CompiledBacken
     assert changed.sum() > 1000 and not before.instance[changed].any()
     np.testing.assert_array_equal(before.depth_m, after.depth_m)
     points = after.origins + after.directions * after.depth_m[..., None]
-    expected, share = fill.of_beams(points, changed)
-    sure = share[..., 0] == 1
+    tracer = whole.renderer.tracer(whole.state(whole.lidar_named("pandar64"), 0.5))
+    number, expected, share = fill.of(Lidar, points[changed], tracer.heights)
+    np.testing.assert_array_equal(number, np.arange(changed.sum()))
+    sure = share[:, 0] == 1
     assert sure.sum() > 500
-    np.testing.assert_allclose(after.intensity[sure], expected[sure, 0], atol=1e-6)
+    np.testing.assert_allclose(after.intensity[changed][sure], expected[sure, 0], atol=1e-6)
+
+
+def test_facades_are_filled_in_images_and_sweeps(backend: CompiledBackend, fill: PlaneFill) -> None:
+    drive = aside(backend.observed[0].drive, 3.0)
+    ground, whole = (DriveFrames(Renderer(backend, fill=each), drive) for each in (PlaneFill(fill.planes[:1]), fill))
+    before, after = (frames.camera("front_camera", FRAME, ("rgb", "depth"), 240) for frames in (ground, whole))
+    changed = (before.rgb != after.rgb).any(-1)
+    assert 0.01 < changed.mean() < 0.1
+    assert before.depth_m is not None and after.depth_m is not None
+    np.testing.assert_array_equal(before.depth_m, after.depth_m)
+    camera = whole.sized("front_camera", 240)
+    rays = camera_rays(camera, camera.time_s[FRAME], *pixel_grid(camera.model))
+    points = rays.origins[changed] + rays.directions[changed] * before.depth_m[changed][:, None]
+    off = np.min([np.abs(transform_points(plane.grid_from_world, points)[:, 2]) for plane in fill.planes[1:]], 0)
+    assert off.max() < FACADE_M and np.median(points[:, 2]) > 1
+    less, more = (frames.lidar("pandar64", FRAME) for frames in (ground, whole))
+    assert (less.intensity != more.intensity).sum() > 10
 
 
 def test_sequences_are_filled_as_asked_and_say_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,143 @@
+"""The ground and the façades that nobody saw, filled with what was seen of the same street.
+
+The ground around a drive is a map of texels, whose rows go along the drive, and so is each large vertical plane beside it, whose
+rows go along the wall. A texel that some recorded image shows has the colour that the trained scene gives it there; one that
+some sweep shows has its intensity. The others are filled from those of their own rows, ahead and behind, and where these have
+none from those beside: lanes, kerbs and markings go on along a street, plinths and storeys along a wall. The maps are a
+property of the scene: all frames, cameras and LiDARs show the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import BoolArray, FloatArray, bilinear, box_sums, transform_points
+from ..weather.wet_ground import GROUND_M
+from ..world.drive import Camera, Lidar
+from .tracer import Array
+
+FILL_VERSION = 2
+"""Version of the cached maps: to be raised when the same scene gives another map."""
+TEXEL_M, MAX_TEXELS = 0.1, 2**22
+"""Edge of a texel, metres, of which longer drives have larger ones; and the largest number of them."""
+REACH_M = 45.0
+"""Distance from a sensor, metres, up to which it shows texels."""
+FILLED_M = 4.0
+"""Distance from what was seen, metres, up to which a plane is filled."""
+UNSURE_TEXELS, FEATHER_TEXELS = 2, 3
+"""Texels beside those that were seen that are not filled, and over how many the filling grows from there."""
+ON_SURFACE_M, PROBE_M = 0.3, 1.0
+"""Largest distance of the scene's surface from a texel that it shows, and of the beginning of a ray to it, metres."""
+FACADE_M, RELIEF_M = 0.5, 0.2
+"""Largest distance of the scene's surface from the plane of a façade, and of what a ray hits from that surface, metres."""
+COLOUR_PART = 0.8
+"""Largest part of a colour that is replaced: the mean of two guesses is better than either."""
+ALONG = 5
+"""How often a map is halved along its rows, before it is halved in both directions."""
+
+
+SensorKind = type[Camera] | type[Lidar]
+
+
+@dataclass(frozen=True)
+class Texture:
+    """A map of texels: ``values`` (X, Y, C), and ``share`` (X, Y, 1), 0 to 1, how much of each replaces what the scene has."""
+
+    values: Array
+    share: Array
+
+
+@dataclass(frozen=True)
+class TexturedPlane:
+    """The ground, or a façade: texels of edge ``texel_m``, the first at the origin of the grid, whose x is along the drive or the
+    wall, y across or up, z off it. ``relief`` (X, Y, 1): how far off the scene's surface is, metres; None of the ground.
+    ``textures``: of cameras colours (X, Y, 3) as the decoder gives them, of LiDARs intensities (X, Y, 1)."""
+
+    grid_from_world: FloatArray
+    texel_m: float
+    relief: Array | None
+    textures: Mapping[SensorKind, Texture]
+
+    def at(self, kind: SensorKind, points: FloatArray) -> tuple[NDArray[np.int64], Array, Array, FloatArray]:
+        """Return the numbers (M,) of those points (N, 3), world frame, that have a share above 0, the texture's values (M, C) and
+        shares (M, 1) there, bilinear between texels, and how far they are off the relief (M,), 0 without one."""
+        local, texture = transform_points(self.grid_from_world, points), self.textures[kind]
+        v, u = local[:, :2].T / self.texel_m
+        height, width = texture.share.shape[:2]
+        within = (v >= 0.5) & (v <= height - 0.5) & (u >= 0.5) & (u <= width - 0.5)
+        if self.relief is not None:
+            within &= np.abs(local[:, 2]) < FACADE_M
+        number = np.flatnonzero(within)
+        share = bilinear(texture.share, u[number], v[number])
+        number, share = number[share[:, 0] > 0], share[share[:, 0] > 0]
+        u, v, off = u[number], v[number], np.zeros(len(number))
+        if self.relief is not None:
+            off = np.abs(local[number, 2] - bilinear(self.relief, u, v)[:, 0])
+        return number, bilinear(texture.values, u, v), share, off
+
+
+@dataclass(frozen=True)
+class PlaneFill:
+    """The textured planes of a scene, the ground first."""
+
+    planes: tuple[TexturedPlane, ...]
+
+    def of(
+        self, kind: SensorKind, points: FloatArray, heights: Callable[[FloatArray], FloatArray]
+    ) -> tuple[NDArray[np.int64], Array, Array]:
+        """Return the numbers (M,) of those points (N, 3), world frame, that a plane fills for sensors of a kind, of several the
+        closest; its values (M, C) and shares (M, 1) there. ``heights`` gives heights (N,) above the ground."""
+        off, share = np.full(len(points), np.inf), np.zeros((len(points), 1), np.float32)
+        values = np.zeros((len(points), self.planes[0].textures[kind].values.shape[2]), np.float32)
+        for plane in self.planes:
+            number, theirs, part, away = plane.at(kind, points)
+            if plane.relief is None:
+                away = np.abs(heights(points[number]))
+            near = away < np.minimum(GROUND_M if plane.relief is None else RELIEF_M, off[number])
+            number = number[near]
+            off[number], values[number], share[number] = away[near], theirs[near], part[near]
+        some = np.flatnonzero(share[:, 0])
+        return some, values[some], share[some]
+
+
+def share_of(known: BoolArray, seen: BoolArray, texel_m: float) -> Array:
+    """Return how much of the map (X, Y, 1) is filled: texels that were not ``seen`` (X, Y), beside those that are ``known``."""
+    wanted = (box_sums(known, round(FILLED_M / texel_m)) > 0) & (box_sums(seen, UNSURE_TEXELS) == 0)
+    grown = box_sums(wanted, FEATHER_TEXELS // 2) / FEATHER_TEXELS**2
+    return np.where(seen, 0, grown)[..., None].astype(np.float32)
+
+
+def filled(values: Array, known: BoolArray, along: int = ALONG) -> Array:
+    """Return values (X, Y, C) in which those that are not ``known`` (X, Y) are interpolated from coarser ones: means of pairs
+    along the first axis, ``along`` times, then of fours (Gortler et al., "The Lumigraph", SIGGRAPH 1996, section 3.4)."""
+    if known.all() or not known.any():
+        return np.where(known[..., None], values, np.float32(0))
+    axes = [axis for axis in ((0,) if along > 0 and len(known) > 1 else (0, 1)) if known.shape[axis] > 1]
+    weights = known.astype(np.float32)[..., None]
+    total, pad = values * weights, [(0, known.shape[axis] % 2 if axis in axes else 0) for axis in (0, 1)]
+    for axis in axes:
+        total, weights = (_paired(np.pad(x, (*pad, (0, 0))) if axis == axes[0] else x, axis) for x in (total, weights))
+    coarse = filled(total / np.maximum(weights, 1), weights[..., 0] > 0, along - 1)
+    for axis in axes:
+        coarse = _doubled(coarse, axis, known.shape[axis])
+    return np.where(known[..., None], values, coarse)
+
+
+def _paired(values: Array, axis: int) -> Array:
+    """Return the sums of pairs along an axis of even length."""
+    return np.asarray(
+        values.take(range(0, values.shape[axis], 2), axis) + values.take(range(1, values.shape[axis], 2), axis)
+    )
+
+
+def _doubled(values: Array, axis: int, count: int) -> Array:
+    """Return values with ``count`` places along an axis in place of half as many, linear between these."""
+    place = np.clip((np.arange(count) + 0.5) / 2 - 0.5, 0, values.shape[axis] - 1).astype(np.float32)
+    low = place.astype(np.int64)
+    high = np.minimum(low + 1, values.shape[axis] - 1)
+    part = (place - low).reshape([-1 if each == axis else 1 for each in range(values.ndim)])
+    return np.asarray((1 - part) * values.take(low, axis) + part * values.take(high, axis))
