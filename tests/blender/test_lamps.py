@@ -20,6 +20,7 @@ from unisim_blender.core.world.encoding import decode_state
 from unisim_blender.editing.reading.requests import camera_request
 from unisim_blender.editing.reading.scenario import edited_ids
 from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.sampled.source import lamps_of
 from unisim_blender.features.actors.lamps import LampTask
 from unisim_blender.process.background import newest
 
@@ -153,3 +154,9 @@ def test_a_variant_has_lamps_of_its_own_and_a_removal_is_muted_beside_them(stree
     for parts in (["LAMP", "REMOVE"], ["REMOVE"]):
         press(bpy.ops.unisim.mute_edit, next(line for line in lines(other) if line.part == "REMOVE"))
         assert sorted(line.part for line in lines(other)) == parts
+
+
+def test_lamps_are_found_in_the_world_of_a_trained_scene(logged_street: Any) -> None:
+    assert lamps_of(source_of(logged_street)) is None
+    assert bpy.ops.unisim.find_lamps() == {"FINISHED"}
+    assert lamps_of(source_of(logged_street)) == {} and len(logged_street.unisim_lamps) == 0

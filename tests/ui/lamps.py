@@ -12,7 +12,7 @@ import bpy
 sys.path.insert(0, str(Path(__file__).parent))
 from buttons import CROSS, KNOWN, found_at, open_panel, place_of, press, region_of
 from hands import click, edits, key, middle, scenario, sidebar, to
-from session import MODULE, OUT, area, choose, inside, results, screenshot, start, until, view
+from session import MODULE, OUT, area, choose, inside, results, screenshot, start, until, view, wait_for_image
 from tasks import arrived, install, task
 
 
@@ -85,8 +85,16 @@ def keyed() -> Iterator[float]:
     (edit,) = scenario().edits
     assert (edit.actor, edit.lamp, edit.state) == ("car-01", "red", "off"), edit
     assert edit.from_s is None and abs(edit.to_s - 1.2) < 1e-3, edit
-    yield from place_of("unisim.go_to_edit")
+    yield from place_of("unisim.go_to_edit", columns=(0.2,))
     screenshot("lamps_listed")
+
+
+def shown() -> Iterator[float]:
+    """Rendered shading at a frame at which the recorded brake lamp is on: it is off."""
+    bpy.context.scene.frame_set(9)
+    view()[1].shading.type = "RENDERED"
+    yield from wait_for_image(600.0)
+    screenshot("lamps_rendered")
 
 
 def steps() -> Iterator[float]:
@@ -97,6 +105,7 @@ def steps() -> Iterator[float]:
         ("Lamps: cancel", cancelled),
         ("Lamps: find", found),
         ("Lamps: key", keyed),
+        ("Lamps: show", shown),
     ):
         yield from task(name, todo)
 

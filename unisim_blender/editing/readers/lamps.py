@@ -20,7 +20,9 @@ SIDES = translatable("left"), translatable("right")
 
 
 def lamp_text(name: str) -> Text:
-    """Return the name of a lamp: its colours, and the side that it is on."""
+    """Return the name of a lamp in words: its colours, and the side that it is on."""
+    if not name:
+        return Text("Lamp")
     colours, _, side = name.partition(" ")
     shown = series([Text(colour.capitalize()) for colour in colours.split("-")], "-")
     return series([shown, Text(side)], " ") if side in SIDES else shown
@@ -40,9 +42,8 @@ class LampReader(GroupReader):
         for actor, lamp, state, begin, end in reading.sampled.lamps:
             if begin < last and end > first and _object_of(actor, reading) is not None:
                 from_s, to_s = (round(float(clock.time_s(np.clip(at, first, last))), DIGITS) for at in (begin, end))
-                yield Lamp(
-                    actor, state, lamp or None, None if begin <= first else from_s, None if end >= last else to_s
-                )
+                span = None if begin <= first else from_s, None if end >= last else to_s
+                yield Lamp(actor, state, lamp or None, *span)
 
     def lines(self, reading: ReadContext, uid: str) -> Iterator[EditLine]:
         """One line for all lamps of a recorded actor; those of a copy are part of its own line."""

@@ -85,7 +85,7 @@ class UNISIM_PT_lamps(DrivePanel, bpy.types.Panel):
         lamps = [lamp for lamp in scene.unisim_lamps if obj is not None and lamp.actor == lamp_id(obj)]
         for lamp in lamps:
             box, recorded = layout.box(), json.loads(lamp.recorded or "[]")
-            box.label(text=localized(lamp_text(lamp.name)) or interface("Lamp"), translate=False, icon="LIGHT")
+            box.label(text=localized(lamp_text(lamp.name)), translate=False, icon="LIGHT")
             row, known = box.row(align=True), {state for state, _ in recorded} or {"off", "on"}
             for state in SETTINGS:
                 if state in {"recorded", lamp.state, *known}:

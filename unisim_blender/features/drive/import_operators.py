@@ -107,7 +107,8 @@ class _ImportDrive(InSteps, ImportHelper):
             if out := default_folder("output"):
                 context.scene.unisim.out = str(Path(out, source.log_path.name.removesuffix(SUFFIX)))
         context.scene.unisim.first_steps |= first_in_file
-        put_lamps(context.scene, lamps_of(source, again=True) or {})
+        lamps = yield from in_thread(lambda: lamps_of(source, again=True))
+        put_lamps(context.scene, lamps or {})
         if first and self.timer is not None:
             yield from show_drive(context, first_in_file)
 
