@@ -168,7 +168,7 @@ def _places(
         points[:, 2] -= tracer.heights(points)
         return points
     path = transform_points(grid, header.drive.world_from_ego.positions)
-    off = grid[2, :3] * (1 if np.median(path[:, 2]) > 0 else -1)
+    off: FloatArray = grid[2, :3] * (1.0 if np.median(path[:, 2]) > 0 else -1.0)
     starts, toward = points + FACADE_M * off, np.broadcast_to(-off, points.shape).copy()
     depth = tracer.trace(
         Rays(starts, toward, np.full(len(points), time_s)), {"depth"}, False, None, RenderStats()
