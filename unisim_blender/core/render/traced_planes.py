@@ -150,7 +150,9 @@ def _traced(backend: Observing, header: SceneHeader) -> Iterator[float | dict[st
             out[f"relief{number}"] = transform_points(grid, points[mine])[:, 2].reshape(*shape, 1).astype(np.float16)
         for kind, name in NAMES.items():
             source, seen = (x[mine].reshape(shape) for x in (known[kind], (closest[kind] >= 0) | ~inside))
-            share = share_of(source, seen, texel_m) * np.float32(COLOUR_PART if kind is Camera else 1)
+            # a façade's own intensities are no worse than filled ones
+            part = COLOUR_PART if kind is Camera else float(number == 0)
+            share = share_of(source, seen, texel_m) * np.float32(part)
             out[f"{name}{number}"] = filled(values[kind][mine].reshape(*shape, -1), source).astype(np.float16)
             out[f"{name}_share{number}"] = share.astype(np.float16)
     yield out
