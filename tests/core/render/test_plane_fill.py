@@ -181,7 +181,7 @@ def test_sweeps_are_filled_where_no_sweep_saw_the_ground(backend: CompiledBacken
     np.testing.assert_allclose(after.intensity[changed][sure], expected[sure, 0], atol=1e-6)
 
 
-def test_facades_are_filled_in_images_and_sweeps(backend: CompiledBackend, fill: PlaneFill) -> None:
+def test_facades_are_filled_in_images_and_stay_in_sweeps(backend: CompiledBackend, fill: PlaneFill) -> None:
     drive = aside(backend.observed[0].drive, 3.0)
     ground, whole = (DriveFrames(Renderer(backend, fill=each), drive) for each in (PlaneFill(fill.planes[:1]), fill))
     before, after = (frames.camera("front_camera", FRAME, ("rgb", "depth"), 240) for frames in (ground, whole))
@@ -195,7 +195,7 @@ def test_facades_are_filled_in_images_and_sweeps(backend: CompiledBackend, fill:
     off = np.min([np.abs(transform_points(plane.grid_from_world, points)[:, 2]) for plane in fill.planes[1:]], 0)
     assert off.max() < FACADE_M and np.median(points[:, 2]) > 1
     less, more = (frames.lidar("pandar64", FRAME) for frames in (ground, whole))
-    assert (less.intensity != more.intensity).sum() > 10
+    np.testing.assert_array_equal(less.intensity, more.intensity)
 
 
 def test_sequences_are_filled_as_asked_and_say_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
