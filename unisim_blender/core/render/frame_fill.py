@@ -54,7 +54,7 @@ def filled_intensity(
     intensity: Array,
     instance: NDArray[np.int32],
 ) -> Array:
-    """Return the intensities (N,) of flat beams (N,), those on ground and façades that no sweep saw as these are filled."""
+    """Return the intensities (N,) of flat beams (N,), those on ground that no sweep saw as it is filled."""
     if fill is None:
         return intensity
     points = rays.origins + rays.directions * depth[:, None]

@@ -20,7 +20,7 @@ from ..weather.wet_ground import GROUND_M
 from ..world.drive import Camera, Lidar
 from .tracer import Array
 
-FILL_VERSION = 2
+FILL_VERSION = 3
 """Version of the cached maps: to be raised when the same scene gives another map."""
 TEXEL_M, MAX_TEXELS = 0.1, 2**22
 """Edge of a texel, metres, of which longer drives have larger ones; and the largest number of them."""
@@ -55,7 +55,7 @@ class Texture:
 class TexturedPlane:
     """The ground, or a façade: texels of edge ``texel_m``, the first at the origin of the grid, whose x is along the drive or the
     wall, y across or up, z off it. ``relief`` (X, Y, 1): how far off the scene's surface is, metres; None of the ground.
-    ``textures``: of cameras colours (X, Y, 3) as the decoder gives them, of LiDARs intensities (X, Y, 1)."""
+    ``textures``: of cameras colours (X, Y, 3) as the decoder gives them, of LiDARs, on the ground, intensities (X, Y, 1)."""
 
     grid_from_world: FloatArray
     texel_m: float
@@ -93,7 +93,7 @@ class PlaneFill:
         closest; its values (M, C) and shares (M, 1) there. ``heights`` gives heights (N,) above the ground."""
         off, share = np.full(len(points), np.inf), np.zeros((len(points), 1), np.float32)
         values = np.zeros((len(points), self.planes[0].textures[kind].values.shape[2]), np.float32)
-        for plane in self.planes:
+        for plane in (each for each in self.planes if kind in each.textures):
             number, theirs, part, away = plane.at(kind, points)
             if plane.relief is None:
                 away = np.abs(heights(points[number]))

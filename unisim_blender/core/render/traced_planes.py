@@ -57,7 +57,9 @@ def trace_planes(backend: Observing) -> Iterator[float | PlaneFill]:
     planes = []
     for number, (grid, texel_m) in enumerate(zip(arrays["grids"], arrays["texels_m"].tolist(), strict=True)):
         textures = {
-            kind: Texture(arrays[f"{name}{number}"], arrays[f"{name}_share{number}"]) for kind, name in NAMES.items()
+            kind: Texture(arrays[f"{name}{number}"], arrays[f"{name}_share{number}"])
+            for kind, name in NAMES.items()
+            if f"{name}{number}" in arrays
         }
         planes.append(TexturedPlane(grid, texel_m, arrays.get(f"relief{number}"), textures))
     yield PlaneFill(tuple(planes))
@@ -113,10 +115,12 @@ def _traced(backend: Observing, header: SceneHeader) -> Iterator[float | dict[st
     inside = ((within > 0) & (within < np.asarray(header.volume["size_m"]))).all(1)
     nearest = {kind: np.full(len(points), np.inf, np.float32) for kind in (Camera, Lidar)}
     closest = {kind: np.full(len(points), -1, np.int32) for kind in (Camera, Lidar)}
+    # a façade's own intensities are no worse than filled ones: sweeps show the ground's texels alone
+    asked = {Camera: inside, Lidar: inside & (np.arange(len(points)) < np.prod(grids[0][1]))}
     for number, ((sensor, _), view) in enumerate(views):
         yield 0.5 + 0.4 * number / len(views)
         to = points[:, :2] - view.world_from_view[:2, 3]
-        some = np.flatnonzero(inside & ((to * to).sum(1) < REACH_M**2))
+        some = np.flatnonzero(asked[type(sensor)] & ((to * to).sum(1) < REACH_M**2))
         shown, away = view.shows(points[some])
         better = shown & (away < nearest[type(sensor)][some])
         nearest[type(sensor)][some[better]] = away[better]
@@ -148,11 +152,9 @@ def _traced(backend: Observing, header: SceneHeader) -> Iterator[float | dict[st
         mine = slice(first, first := first + shape[0] * shape[1])
         if number > 0:
             out[f"relief{number}"] = transform_points(grid, points[mine])[:, 2].reshape(*shape, 1).astype(np.float16)
-        for kind, name in NAMES.items():
+        for kind, name in NAMES.items() if number == 0 else [(Camera, NAMES[Camera])]:
             source, seen = (x[mine].reshape(shape) for x in (known[kind], (closest[kind] >= 0) | ~inside))
-            # a façade's own intensities are no worse than filled ones
-            part = COLOUR_PART if kind is Camera else float(number == 0)
-            share = share_of(source, seen, texel_m) * np.float32(part)
+            share = share_of(source, seen, texel_m) * np.float32(COLOUR_PART if kind is Camera else 1)
             out[f"{name}{number}"] = filled(values[kind][mine].reshape(*shape, -1), source).astype(np.float16)
             out[f"{name}_share{number}"] = share.astype(np.float16)
     yield out
