@@ -46,8 +46,8 @@ from .seeding import (
     VoxelEvidence,
     driven_places,
     free_away,
-    ground_heights,
     seed_by_evidence,
+    seed_ground,
     seed_voxels,
     sized,
     voxel_evidence,
@@ -167,7 +167,7 @@ class TrainingSetup:
         what stands, frame of the volume."""
         model, drive = self.model, self.log.drive
         under = points if self.lidars else transform_points(self._into, driven_places(drive))
-        heights, known = ground_heights(under, self.volume.size_m)
+        heights, known = seed_ground(under, self.volume.size_m)
         if self.recipe.uses_lidar:
             x, y, z = model.occupancy.values.shape
             grid = (x, y, z), model.config.voxel_m, heights, known

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ....data.ground import fill
 from ....geometry import BoolArray, FloatArray, invert_pose, transform_points
 from ....sensors.silhouettes import spheres_in_cone, view_half_angle
 from .cloud import cube_keys, summed
 from .exposure import Observations, exposure_gains
-from .ground import fill
 from .model import SurfelSet
 from .placed import PlacedSurfels
 from .views import RecordedView
