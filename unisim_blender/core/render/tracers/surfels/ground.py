@@ -1,4 +1,4 @@
-"""The height of the ground under a drive on a grid, from LiDAR returns, with numpy alone."""
+"""The height of the ground under a drive as surfels have it: a grid, read at any point."""
 
 from __future__ import annotations
 
