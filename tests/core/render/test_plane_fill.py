@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from analytic_scene import still
 from click.testing import CliRunner
 from drive_frames import DriveFrames
 from rendered_folder import contents
 
 from unisim_blender.core import native
 from unisim_blender.core.cli.main import unisim
-from unisim_blender.core.geometry import FloatArray, transform_points
+from unisim_blender.core.geometry import FloatArray, make_pose, transform_points
 from unisim_blender.core.render import recorded_depth as recorded_depth_module
 from unisim_blender.core.render import traced_planes as module
+from unisim_blender.core.render.confidence import RecordedDepth
+from unisim_blender.core.render.frame_fill import filled_sweep, seen_through
 from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.plane_fill import (
     FACADE_M,
@@ -34,7 +37,9 @@ from unisim_blender.core.render.tracer import Array
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
-from unisim_blender.core.world.drive import Camera, Drive, Lidar
+from unisim_blender.core.sensors.rays import Rays
+from unisim_blender.core.world.drive import Box, Camera, Drive, Lidar, StaticCopy
+from unisim_blender.core.world.replay import WorldState
 
 SAMPLE = Path(__file__).parents[3] / "sample" / "scene"
 FRAME = 5
@@ -94,6 +99,108 @@ def test_the_closest_plane_fills_what_lies_on_its_surface() -> None:
     number, shown, _ = fill.of(Camera, points, lambda places: places[:, 2])
     np.testing.assert_array_equal(number, [0, 1, 3, 5])
     np.testing.assert_allclose(shown[:, 0], [0.75, 0.25, 0.75, 0.25])
+
+
+def rays_from(origin: list[float], *ends: list[float]) -> Rays:
+    to = np.array(ends) - origin
+    directions = to / np.linalg.norm(to, axis=1, keepdims=True)
+    return Rays(np.tile(np.array(origin), (len(to), 1)), directions, np.zeros(len(to)))
+
+
+def ground_and_wall(shows: float = 0.25) -> PlaneFill:
+    """Ground at z = 0 from (0, -5) to (20, 15), and a wall at y = 10 up to 4 m, 0.2 m nearer from x = 10 on."""
+    ground, wall = np.eye(4), np.eye(4)
+    ground[:3, 3] = [0, 5, 0]
+    wall[:3] = [[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 10]]
+    share, high = np.ones((200, 200, 1), np.float32), np.ones((200, 40, 1), np.float32)
+    relief = 0 * high
+    relief[100:] = 0.2
+    both: dict[SensorKind, Texture] = {
+        Camera: Texture(shows * share.repeat(3, 2), share),
+        Lidar: Texture(shows * share, share),
+    }
+    bricks: dict[SensorKind, Texture] = {Camera: Texture(3 * shows * high.repeat(3, 2), high)}
+    return PlaneFill((TexturedPlane(ground, 0.1, None, both), TexturedPlane(wall, 0.1, relief, bricks)))
+
+
+def test_rays_hit_the_first_plane_beyond_a_distance() -> None:
+    fill, slope = ground_and_wall(), 0.05
+    ends = [[5.0, 6, 0.05 * 5], [5.0, 10, 2], [15.0, 9.8, 2], [5.0, 6, 2.4], [5.0, 10, 4.5], [30.0, 0, 1.5]]
+    rays = rays_from([0.0, 0, 1.5], *ends)
+
+    def heights(places: FloatArray) -> FloatArray:
+        return np.asarray(places[:, 2] - slope * places[:, 0])
+
+    distance, values, normals = fill.hit(Camera, rays, np.zeros(len(ends)), heights)
+    expected = [*np.linalg.norm(np.array([*ends[:3], [5.0 * 10 / 6, 10, 3]]) - [0, 0, 1.5], axis=1), np.inf, np.inf]
+    np.testing.assert_allclose(distance, expected, atol=0.02)
+    np.testing.assert_allclose(values[:4, 0], [0.25, 0.75, 0.75, 0.75], atol=1e-6)
+    np.testing.assert_allclose(normals[:3], [[0, 0, 1], [0, -1, 0], [0, -1, 0]])
+    beyond, _, _ = fill.hit(Camera, rays, np.where(np.isfinite(distance), distance, 0) + 0.1, heights)
+    assert np.isinf(beyond[1:]).all() and beyond[0] > distance[0] + 2
+    _, intensities, _ = fill.hit(Lidar, rays, np.zeros(len(ends)), heights)
+    assert intensities[0, 0] == np.float32(0.25) and np.isnan(intensities[1:3]).all()
+
+
+@dataclass
+class Level:
+    """A tracer of ground at z = 0."""
+
+    @staticmethod
+    def heights(points: FloatArray) -> FloatArray:
+        return points[:, 2]
+
+
+def test_what_nothing_confirms_behind_an_emptied_box_is_a_plane() -> None:
+    fill, nothing = ground_and_wall(), RecordedDepth((), {})
+    box = Box(make_pose(np.array([5.0, 4, 1]), np.array([1.0, 0, 0, 0])), np.array([4.0, 2, 2]))
+    #       under the box,  behind it,  on the wall, not through it, an actor, one behind, a copy, before the box
+    ends = [
+        [5.0, 4.5, 0],
+        [5.0, 7, 0],
+        [8.0, 10, 1],
+        [-5.0, 10, 1],
+        [5.0, 7, 0],
+        [3.2, 7, 0.0],
+        [6.8, 7, 0.0],
+        [5.0, 7, 0],
+    ]
+    rays = rays_from([5.0, -4, 1.5], *ends)
+    depth = np.linalg.norm(np.array(ends) - [5.0, -4, 1.5], axis=1) + [0.5, -1, -0.5, 0, -1, -2.5, -2.5, -9]
+    instance = np.array([0, 0, 0, 0, 1, 0, 0, 0], np.int32)
+    hidden, target = (
+        still("behind", [3.0, 6.5, 0.5], [0.8, 0.8, 1.0]),
+        make_pose(np.array([7.0, 6.5, 0.5]), np.array([1.0, 0, 0, 0])),
+    )
+    copy = StaticCopy("cone", Box(np.eye(4), np.array([0.8, 0.8, 1.0])), target)
+    state = WorldState(0.0, 0.5, hidden.world_from_actor, (hidden,), (copy,), (box,))
+    maps = {
+        "depth": depth.astype(np.float32), "instance": instance, "unsupported": np.zeros(8, bool),
+        "normal": np.zeros((8, 3), np.float32),
+    }  # fmt: skip
+    before = {name: values.copy() for name, values in maps.items()}
+    arguments = (Level(), nothing, state, [hidden], rays)
+    through, after = seen_through(fill, Camera, *arguments, maps)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(through.rays, [0, 1, 2])
+    np.testing.assert_allclose(through.values[:, 0], [0.25, 0.25, 0.75], atol=1e-6)
+    np.testing.assert_allclose(after["depth"][:3], depth[:3] - [0.5, -1, -0.5], atol=0.03)
+    np.testing.assert_array_equal(after["unsupported"], np.arange(8) < 3)
+    np.testing.assert_allclose(after["normal"][:3], [[0, 0, 1], [0, 0, 1], [0, -1, 0]])
+    for name, values in maps.items():
+        np.testing.assert_array_equal(values, before[name])
+        np.testing.assert_array_equal(after[name][3:], before[name][3:])
+    intensity = np.linspace(0.1, 0.8, 8, dtype=np.float32)
+    distance, filled = filled_sweep(fill, *arguments, maps["depth"], intensity, instance)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(distance, after["depth"])
+    # a wall's own intensities stay
+    np.testing.assert_allclose(filled[:3], [0.25, 0.25, intensity[2]], atol=1e-6)
+    for each in (
+        replace(state, removed_boxes=()),
+        replace(state, removed_boxes=(replace(box, size_m=box.size_m / 9),)),
+    ):
+        none, same = seen_through(fill, Camera, Level(), nothing, each, [hidden], rays, maps)  # type: ignore[arg-type]
+        assert not len(none.rays)
+        np.testing.assert_array_equal(same["depth"], maps["depth"])
 
 
 def test_what_was_seen_is_not_filled_and_nothing_far_from_it() -> None:

@@ -33,6 +33,8 @@ RIGHT_RGB = 0.1
 """Largest error of a channel, of 0 to 1, of a colour that is right."""
 UNMEASURED = 0.6
 """Fraction of right pixels and returns that a scene without a measurement counts with."""
+MAX_SPREAD = 0.1
+"""Largest difference of distances around a ray of a sweep, as a part of the distance, that confirms one of them."""
 TURN_M = 10.0
 """Distance, metres, that counts as much as looking at right angles."""
 
@@ -114,16 +116,22 @@ class RecordedDepth:
         return replace(self, views=tuple(sorted(alike, key=distance)[:MAX_VIEWS]))
 
     def unseen(
-        self, rays: Rays, depth_m: Array, instance: NDArray[np.int32], active: Sequence[Actor | None]
+        self,
+        rays: Rays,
+        depth_m: Array,
+        instance: NDArray[np.int32],
+        active: Sequence[Actor | None],
+        by_sweeps: bool = False,
     ) -> BoolArray:
-        """Return whether no recorded image at all confirms the ends of flat rays (N,), see `evidence`; False for actors that were
-        not recorded."""
+        """Return whether no recorded image at all, nor a sweep beside depth edges if asked for, confirms the ends of flat rays
+        (N,), see `evidence`; False for actors that were not recorded."""
         recorded = [actor is not None and actor.appearance.actor in self.actors for actor in active]
         left = np.flatnonzero(np.array([True, *recorded])[instance])
-        images = [view for view in self.views if view.model is not None]
-        for view in images:
+        for view in (each for each in self.views if by_sweeps or each.model is not None):
             part = Rays(rays.origins[left], rays.directions[left], rays.time_s[left])
-            left = left[replace(self, views=(view,)).evidence(part, depth_m[left], instance[left], active).alike == 0]
+            shown = replace(self, views=(view,)).evidence(part, depth_m[left], instance[left], active)
+            # between the distances on both sides of a sweep's wide depth edges lies much
+            left = left[(shown.alike == 0) | ((shown.spread > MAX_SPREAD) & (view.model is None))]
         out = np.zeros(len(depth_m), bool)
         out[left] = True
         return out

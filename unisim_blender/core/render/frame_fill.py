@@ -1,19 +1,83 @@
-"""Rendered images and sweeps whose ground and façades are filled where nobody saw them."""
+"""Rendered images and sweeps whose ground and façades are filled where nobody saw them.
+
+What stood in a box that an edit empties hid what is behind. A trained scene has something there that no recorded image or sweep
+confirms: such a ray goes on to the first plane (`seen_through`).
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import BoolArray, FloatArray
+from ..geometry import BoolArray, FloatArray, intersect_boxes, invert_pose
 from ..sensors.rays import Rays
-from ..world.drive import Camera, Lidar
+from ..world.drive import Actor, Box, Camera, Lidar
+from ..world.replay import WorldState
+from .confidence import RecordedDepth
 from .contact_shadow import shaded
 from .pending_image import Binding, PendingImage
-from .plane_fill import PlaneFill
+from .plane_fill import PlaneFill, SensorKind
 from .tracer import Array, Maps, Tracer
+
+
+class SeenThrough(NamedTuple):
+    """Rays (M,), by their numbers, that end on a plane in place of what nothing recorded confirms, and its values (M, C)."""
+
+    rays: NDArray[np.int64]
+    values: Array
+
+
+def seen_through(
+    fill: PlaneFill,
+    kind: SensorKind,
+    tracer: Tracer[Any],
+    recorded: RecordedDepth | None,
+    state: WorldState,
+    own: Sequence[Actor | None],
+    rays: Rays,
+    maps: Maps,
+) -> tuple[SeenThrough, Maps]:
+    """Return which flat rays (N,) through emptied boxes go on to a plane, and the maps with their distances. ``own`` as of
+    `RecordedDepth.evidence`."""
+    boxes, some = state.removed_boxes, np.flatnonzero(maps["instance"] == 0)
+    if recorded is None or not boxes or not len(some):
+        return SeenThrough(some[:0], np.zeros((0, 3), np.float32)), maps
+
+    def part(number: NDArray[np.int64]) -> Rays:
+        return Rays(rays.origins[number], rays.directions[number], rays.time_s[number])
+
+    emptied = _entries(part(some), boxes)
+    copies = _entries(part(some), [Box(copy.world_from_target, copy.source.size_m) for copy in state.static_copies])
+    crossing = (emptied < maps["depth"][some]) & ~np.isfinite(copies)
+    some, start = some[crossing], emptied[crossing]
+    unseen = recorded.unseen(part(some), maps["depth"][some], maps["instance"][some], own, by_sweeps=True)
+    some, start = some[unseen], start[unseen]
+    few, before = part(some), maps["depth"][some]
+    distance, values, normals = fill.hit(kind, few, start, tracer.heights)
+    for actor in state.actors:
+        box_from_world = invert_pose(actor.world_from_actor.at(few.time_s))[:, None]
+        near, far = intersect_boxes(few.origins, few.directions, box_from_world, np.asarray(actor.size_m)[None])
+        # an actor may hide the plane
+        distance[((near < far) & (far > before[:, None]) & (near < distance[:, None]))[:, 0]] = np.inf
+    ends = np.isfinite(distance)
+    some = some[ends]
+    changed = {"depth": distance[ends], "normal": normals[ends], "unsupported": True}
+    out = {name: x.copy() if name in changed else x for name, x in maps.items()}
+    for name in changed.keys() & out.keys():
+        out[name][some] = changed[name]
+    return SeenThrough(some, values[ends]), out
+
+
+def _entries(rays: Rays, boxes: Sequence[Box]) -> FloatArray:
+    """Return where flat rays (N,) enter the first of some boxes, metres, inf where they pass none."""
+    if not boxes:
+        return np.full(len(rays.time_s), np.inf)
+    world_from_box, size_m = (np.array([getattr(box, name) for box in boxes]) for name in ("world_from_box", "size_m"))
+    near, far = intersect_boxes(rays.origins, rays.directions, invert_pose(world_from_box), size_m)
+    return np.asarray(np.where((near < far) & (far > 0), np.maximum(near, 0), np.inf).min(1))
 
 
 def filled_image(
@@ -24,14 +88,23 @@ def filled_image(
     points: FloatArray,
     ground: BoolArray,
     maps: Maps,
+    through: SeenThrough,
 ) -> tuple[NDArray[np.float32], Maps]:
     """Return the image, and its maps, with the ground and façades filled that nobody saw, which no recorded ray supports, with
     contact shadows of recorded actors: others' are added later. Pixels show ``points`` (H, W, 3), ``ground`` (H, W) where
-    those are of no actor."""
+    those are of no actor. ``through`` has cells and their colours."""
     up, flat = pending.tracer.upsample, points.reshape(-1, 3)
     some = np.flatnonzero(ground)
     there, colours, share = fill.of(Camera, flat[some], pending.tracer.heights)
     some = some[there]
+    if len(through.rays):
+        cells = np.full(len(maps["depth"]), -1)
+        cells[through.rays] = np.arange(len(through.rays))
+        wide = np.repeat(np.repeat(cells.reshape(-(-ground.shape[0] // up), -1), up, 0), up, 1)
+        which = wide[: ground.shape[0], : ground.shape[1]].reshape(-1)
+        beside, whole = which[some] < 0, np.flatnonzero(which >= 0)
+        some, share = np.r_[some[beside], whole], np.r_[share[beside], np.ones((len(whole), 1), np.float32)]
+        colours = np.r_[colours[beside], through.values[which[whole]]]
     below = np.ones(len(some), bool)
     recorded = [a for a in pending.state.actors if not a.inserted and a.visible_to(pending.camera)]
     colours = shaded(colours[None], flat[some][None], below[None], recorded, pending.time_s)[0]
@@ -46,20 +119,26 @@ def filled_image(
     return image, maps
 
 
-def filled_intensity(
-    fill: PlaneFill | None,
+def filled_sweep(
+    fill: PlaneFill,
     tracer: Tracer[Any],
+    recorded: RecordedDepth | None,
+    state: WorldState,
+    own: Sequence[Actor | None],
     rays: Rays,
     depth: Array,
     intensity: Array,
     instance: NDArray[np.int32],
-) -> Array:
-    """Return the intensities (N,) of flat beams (N,), those on ground that no sweep saw as it is filled."""
-    if fill is None:
-        return intensity
+) -> tuple[Array, Array]:
+    """Return the distances and intensities (N,) of flat beams (N,), those on ground that no sweep saw as it is filled."""
+    maps = {"depth": np.where(depth > 0, depth, np.float32(np.inf)), "instance": instance}
+    through, maps = seen_through(fill, Lidar, tracer, recorded, state, own, rays, maps)
+    depth, intensity = np.where(np.isfinite(maps["depth"]), maps["depth"], 0).astype(np.float32), intensity.copy()
     points = rays.origins + rays.directions * depth[:, None]
-    some = np.flatnonzero((instance.reshape(-1) == 0) & (depth > 0))
+    some = np.flatnonzero((instance == 0) & (depth > 0))
     there, filled, share = fill.of(Lidar, points[some], tracer.heights)
-    intensity, some = intensity.copy(), some[there]
+    some = some[there]
     intensity[some] += share[:, 0] * (filled[:, 0] - intensity[some])
-    return intensity
+    known = np.isfinite(through.values[:, 0])
+    intensity[through.rays[known]] = through.values[known, 0]
+    return depth, intensity

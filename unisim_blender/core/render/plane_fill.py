@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import BoolArray, FloatArray, bilinear, box_sums, transform_points
+from ..sensors.rays import Rays
 from ..weather.wet_ground import GROUND_M
 from ..world.drive import Camera, Lidar
 from .tracer import Array
@@ -38,6 +39,8 @@ COLOUR_PART = 0.8
 """Largest part of a colour that is replaced: the mean of two guesses is better than either."""
 ALONG = 5
 """How often a map is halved along its rows, before it is halved in both directions."""
+STEPS, HIT_M = 8, 0.02
+"""Number of steps that look for where a ray hits a plane's surface, and how close to it they have to come, metres."""
 
 
 SensorKind = type[Camera] | type[Lidar]
@@ -66,9 +69,7 @@ class TexturedPlane:
         """Return the numbers (M,) of those points (N, 3), world frame, that have a share above 0, the texture's values (M, C) and
         shares (M, 1) there, bilinear between texels, and how far they are off the relief (M,), 0 without one."""
         local, texture = transform_points(self.grid_from_world, points), self.textures[kind]
-        v, u = local[:, :2].T / self.texel_m
-        height, width = texture.share.shape[:2]
-        within = (v >= 0.5) & (v <= height - 0.5) & (u >= 0.5) & (u <= width - 0.5)
+        v, u, within = self._texels(local)
         if self.relief is not None:
             within &= np.abs(local[:, 2]) < FACADE_M
         number = np.flatnonzero(within)
@@ -78,6 +79,31 @@ class TexturedPlane:
         if self.relief is not None:
             off = np.abs(local[number, 2] - bilinear(self.relief, u, v)[:, 0])
         return number, bilinear(texture.values, u, v), share, off
+
+    def hit(
+        self, kind: SensorKind, rays: Rays, start_m: FloatArray, heights: Callable[[FloatArray], FloatArray]
+    ) -> tuple[FloatArray, Array]:
+        """Return the distances (N,), metres, beyond ``start_m`` (N,) at which flat rays (N,) hit the ground from above, or the
+        relief, by Newton's method, inf where they do not, and the texture's values (N, C) there, NaN without one."""
+        toward = np.einsum("j,nj->n", self.grid_from_world[2, :3], rays.directions)
+        facing = toward < -1e-3 if self.relief is None else np.abs(toward) > 1e-3
+        distance = start_m.copy()
+        for step in range(STEPS + 1):
+            points = rays.origins + distance[:, None] * rays.directions
+            local = np.einsum("ij,nj->ni", self.grid_from_world[:3, :3], points) + self.grid_from_world[:3, 3]
+            v, u, within = self._texels(local)
+            off = heights(points) if self.relief is None else local[:, 2] - bilinear(self.relief, u, v)[:, 0]
+            if step < STEPS:
+                distance = np.clip(distance - off / np.where(facing, toward, np.inf), 0, REACH_M * 4)
+        hit = facing & within & (np.abs(off) < HIT_M) & (distance > start_m)
+        values = bilinear(self.textures[kind].values, u, v) if kind in self.textures else np.full((1, 1), np.nan)
+        return np.where(hit, distance, np.inf), np.broadcast_to(values, (len(hit), values.shape[1]))
+
+    def _texels(self, local: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Return the rows and columns (N,) of places (N, 3) of the grid, and which of them have texels around them."""
+        v, u = local[:, :2].T / self.texel_m
+        height, width = next(iter(self.textures.values())).share.shape[:2]
+        return v, u, (v >= 0.5) & (v <= height - 0.5) & (u >= 0.5) & (u <= width - 0.5)
 
 
 @dataclass(frozen=True)
@@ -102,6 +128,21 @@ class PlaneFill:
             off[number], values[number], share[number] = away[near], theirs[near], part[near]
         some = np.flatnonzero(share[:, 0])
         return some, values[some], share[some]
+
+    def hit(
+        self, kind: SensorKind, rays: Rays, start_m: FloatArray, heights: Callable[[FloatArray], FloatArray]
+    ) -> tuple[FloatArray, Array, FloatArray]:
+        """Return the distances (N,), metres, beyond ``start_m`` (N,) at which flat rays (N,) hit the first plane, inf where there
+        is none, its values (N, C), NaN without a texture, and its normal (N, 3) there, world frame, against the ray."""
+        distance, normals = np.full(len(start_m), np.inf), np.zeros((len(start_m), 3))
+        values = np.zeros((len(start_m), self.planes[0].textures[kind].values.shape[2]), np.float32)
+        for plane in self.planes:
+            there, theirs = plane.hit(kind, rays, start_m, heights)
+            nearer = there < distance
+            distance[nearer], values[nearer] = there[nearer], theirs[nearer]
+            normals[nearer] = plane.grid_from_world[2, :3]
+        normals *= -np.sign((normals * rays.directions).sum(1, keepdims=True))
+        return distance, values, normals
 
 
 def share_of(known: BoolArray, seen: BoolArray, texel_m: float) -> Array:

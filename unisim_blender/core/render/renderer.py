@@ -39,7 +39,7 @@ from ..world.replay import WorldState
 from .confidence import RecordedDepth, ViewEvidence, probability
 from .contact_shadow import SHADOW_CUTOFF_M, dimmed, displaced, faded
 from .fixers import RecordedFixer
-from .frame_fill import filled_image, filled_intensity
+from .frame_fill import filled_image, filled_sweep, seen_through
 from .frame_lamps import with_lamps
 from .frame_shadows import FrameShadows
 from .frame_weather import FrameWeather, put_in_weather, sweep_in_weather
@@ -488,9 +488,14 @@ class Renderer:
         up = pending.tracer.upsample
         if pending.is_drawn_on:
             assert rays is not None
+            if pending.fill is not None:
+                own = self._own(pending.state)
+                through, maps = seen_through(
+                    pending.fill, Camera, pending.tracer, self.recorded_depth, pending.state, own, rays.flat(), maps
+                )
             points, ground = ground_of(pending, image.shape, rays, maps)
             if pending.fill is not None:
-                image, maps = filled_image(pending, pending.fill, self._bound, image, points, ground, maps)
+                image, maps = filled_image(pending, pending.fill, self._bound, image, points, ground, maps, through)
             if pending.is_shaded:
                 image = self._frame_shadows.shaded(pending, image, points, ground, rays, maps)
             if pending.lit:
@@ -592,8 +597,8 @@ class Renderer:
                 depth, intensity, probability, instance = self.beams(state, rays, lidar, stats)
             shape = rays.time_s.shape
             if values is not None:
-                intensity = filled_intensity(
-                    self.fill, tracer, rays.flat(), depth.reshape(-1), intensity.reshape(-1), instance
+                depth, intensity = self._filled_sweep(
+                    state, rays.flat(), *(x.reshape(-1) for x in (depth, intensity, instance))
                 )
             measured = BeamMeasurements(
                 depth.reshape(shape), intensity.reshape(shape), probability.reshape(shape), instance.reshape(shape)
@@ -628,7 +633,19 @@ class Renderer:
             intensity = _laid_over(intensity, bright, traced.mesh_opacity)
             probability = _laid_over(probability, 1.0, traced.mesh_opacity)
         depth, instance = np.nan_to_num(traced.maps["depth"], posinf=0.0), traced.maps["instance"].astype(np.int32)
-        return depth, filled_intensity(self.fill, tracer, flat, depth, intensity, instance), probability, instance
+        depth, intensity = self._filled_sweep(state, flat, depth, intensity, instance)
+        return depth, intensity, probability, instance
+
+    def _filled_sweep(
+        self, state: WorldState, rays: Rays, depth: Array, intensity: Array, instance: NDArray[np.int32]
+    ) -> tuple[Array, Array]:
+        """Return the distances and intensities (N,) of flat beams (N,), filled where nobody saw them."""
+        if self.fill is None:
+            return depth, intensity
+        own = self._own(state)
+        return filled_sweep(
+            self.fill, self.tracer(state), self.recorded_depth, state, own, rays, depth, intensity, instance
+        )
 
 
 def _alone(tracer: Tracer[Any]) -> bool:
