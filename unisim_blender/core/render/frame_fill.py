@@ -19,7 +19,7 @@ from ..world.replay import WorldState
 from .confidence import RecordedDepth
 from .contact_shadow import shaded
 from .pending_image import Binding, PendingImage
-from .plane_fill import PlaneFill, SensorKind
+from .plane_fill import THROUGH_PART, PlaneFill, SensorKind
 from .tracer import Array, Maps, Tracer
 
 
@@ -73,11 +73,20 @@ def seen_through(
 
 def _entries(rays: Rays, boxes: Sequence[Box]) -> FloatArray:
     """Return where flat rays (N,) enter the first of some boxes, metres, inf where they pass none."""
-    if not boxes:
-        return np.full(len(rays.time_s), np.inf)
-    world_from_box, size_m = (np.array([getattr(box, name) for box in boxes]) for name in ("world_from_box", "size_m"))
-    near, far = intersect_boxes(rays.origins, rays.directions, invert_pose(world_from_box), size_m)
-    return np.asarray(np.where((near < far) & (far > 0), np.maximum(near, 0), np.inf).min(1))
+    entries = np.full(len(rays.time_s), np.inf)
+    for box in boxes:
+        to, reach = box.world_from_box[:3, 3] - rays.origins, float(np.linalg.norm(box.size_m)) / 2
+        along = np.einsum("nj,nj->n", to, rays.directions)
+        some = np.flatnonzero((along > -reach) & (np.einsum("nj,nj->n", to, to) - along**2 < reach**2))
+        near, far = intersect_boxes(
+            rays.origins[some],
+            rays.directions[some],
+            invert_pose(box.world_from_box)[None],
+            np.asarray(box.size_m)[None],
+        )
+        first = np.where((near < far) & (far > 0), np.maximum(near, 0), np.inf)[:, 0]
+        entries[some] = np.minimum(entries[some], first)
+    return entries
 
 
 def filled_image(
@@ -103,7 +112,10 @@ def filled_image(
         wide = np.repeat(np.repeat(cells.reshape(-(-ground.shape[0] // up), -1), up, 0), up, 1)
         which = wide[: ground.shape[0], : ground.shape[1]].reshape(-1)
         beside, whole = which[some] < 0, np.flatnonzero(which >= 0)
-        some, share = np.r_[some[beside], whole], np.r_[share[beside], np.ones((len(whole), 1), np.float32)]
+        some, share = (
+            np.r_[some[beside], whole],
+            np.r_[share[beside], np.full((len(whole), 1), np.float32(THROUGH_PART))],
+        )
         colours = np.r_[colours[beside], through.values[which[whole]]]
     below = np.ones(len(some), bool)
     recorded = [a for a in pending.state.actors if not a.inserted and a.visible_to(pending.camera)]

@@ -35,8 +35,9 @@ ON_SURFACE_M, PROBE_M = 0.3, 1.0
 """Largest distance of the scene's surface from a texel that it shows, and of the beginning of a ray to it, metres."""
 FACADE_M, RELIEF_M = 0.5, 0.2
 """Largest distance of the scene's surface from the plane of a façade, and of what a ray hits from that surface, metres."""
-COLOUR_PART = 0.8
-"""Largest part of a colour that is replaced: the mean of two guesses is better than either."""
+COLOUR_PART, THROUGH_PART = 0.8, 0.9
+"""Largest part of a colour that is replaced, and that of a ray that goes on to a plane: the mean of two guesses is better than
+either."""
 ALONG = 5
 """How often a map is halved along its rows, before it is halved in both directions."""
 STEPS, HIT_M = 8, 0.02
