@@ -251,8 +251,9 @@ def test_images_are_filled_where_no_image_saw_the_ground(backend: CompiledBacken
     before, after = (frames.camera("front_camera", FRAME, passes, 240) for frames in (plain, whole))
     changed = (before.rgb != after.rgb).any(-1)
     assert 0.02 < changed.mean() < 0.2
-    assert before.instance is not None and not before.instance[changed].any()
+    assert before.instance is not None and after.instance is not None and not before.instance[changed].any()
     np.testing.assert_array_equal(before.instance, after.instance)
+    assert before.depth_m is not None and after.depth_m is not None
     moved = before.depth_m != after.depth_m
     assert 0.01 < moved.mean() < 0.1 and after.unsupported is not None and after.unsupported[moved].all()
     assert before.unsupported is not None and after.unsupported is not None

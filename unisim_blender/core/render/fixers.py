@@ -140,11 +140,6 @@ class RecordedFixer:
             model = self.cameras[view.sensor_id].model_at(view.time_s)
             references.append(ReferenceImage(image, model, view.world_from_view, *_warped(image, view, points, static)))
         weight = np.where(unseen, box_sums(unseen, 1) / 9, 0).astype(np.float32)
-        filled = np.zeros(depth.size, np.float32)
-        if pending.fill is not None:
-            some = np.flatnonzero(static)
-            there, _, share = pending.fill.of(Camera, points.reshape(-1, 3)[some], pending.tracer.heights)
-            filled[some[there]] = share[:, 0]
         of_pixels = confidence(flat, maps).reshape(depth.shape)
         view_to_fix = ImageToFix(
             frame.rgb,
@@ -152,7 +147,7 @@ class RecordedFixer:
             instance.copy(),
             of_pixels,
             weight,
-            filled.reshape(depth.shape),
+            np.zeros(depth.shape, np.float32) if pending.filled is None else pending.filled,
             tuple(references),
             frame.model,
             frame.world_from_camera,

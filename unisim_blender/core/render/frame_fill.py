@@ -98,10 +98,10 @@ def filled_image(
     ground: BoolArray,
     maps: Maps,
     through: SeenThrough,
-) -> tuple[NDArray[np.float32], Maps]:
+) -> tuple[NDArray[np.float32], Maps, Array]:
     """Return the image, and its maps, with the ground and façades filled that nobody saw, which no recorded ray supports, with
-    contact shadows of recorded actors: others' are added later. Pixels show ``points`` (H, W, 3), ``ground`` (H, W) where
-    those are of no actor. ``through`` has cells and their colours."""
+    contact shadows of recorded actors: others' are added later; and how much of each pixel (H, W) is filled. Pixels show
+    ``points`` (H, W, 3), ``ground`` (H, W) where those are of no actor. ``through`` has cells and their colours."""
     up, flat = pending.tracer.upsample, points.reshape(-1, 3)
     some = np.flatnonzero(ground)
     there, colours, share = fill.of(Camera, flat[some], pending.tracer.heights)
@@ -124,11 +124,12 @@ def filled_image(
     image = image.copy()
     shown = image.reshape(-1, 3)
     shown[some] += share * (colours - shown[some])
+    filled = np.zeros(ground.shape, np.float32)
+    filled.reshape(-1)[some] = share[:, 0]
     if "unsupported" in maps:
-        marked = np.zeros(ground.shape, bool)
-        marked.reshape(-1)[some] = share[:, 0] > 0.5
-        maps = {**maps, "unsupported": maps["unsupported"] | marked[up // 2 :: up, up // 2 :: up].reshape(-1)}
-    return image, maps
+        marked = filled[up // 2 :: up, up // 2 :: up].reshape(-1) > 0.5
+        maps = {**maps, "unsupported": maps["unsupported"] | marked}
+    return image, maps, filled
 
 
 def filled_sweep(

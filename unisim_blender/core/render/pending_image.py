@@ -23,7 +23,7 @@ from ..world.replay import WorldState
 from .plane_fill import PlaneFill
 from .quality import Quality
 from .sun_shadow import GroundBeside, SunPatch, SunShadows
-from .tracer import Backend, Maps, Tracer
+from .tracer import Array, Backend, Maps, Tracer
 
 FINISHING_MAPS = {"depth", "instance"}
 """Maps of an image that weather and fixers need."""
@@ -68,6 +68,8 @@ class PendingImage:
     """Drops and flakes in the image, once they are drawn."""
     fill: PlaneFill | None = None
     """What ground and façades have where nobody saw them; None where they are to stay as the scene has them."""
+    filled: Array | None = None
+    """How much of the part (H, W) of the image that was last finished is filled, 0..1; None without a fill."""
     is_fixed: bool = False
     """Whether a fixer draws anew what no recorded image shows."""
     lit: dict[int, Actor] = field(default_factory=dict)

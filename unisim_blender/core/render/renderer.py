@@ -495,7 +495,10 @@ class Renderer:
                 )
             points, ground = ground_of(pending, image.shape, rays, maps)
             if pending.fill is not None:
-                image, maps = filled_image(pending, pending.fill, self._bound, image, points, ground, maps, through)
+                image, maps, filled = filled_image(
+                    pending, pending.fill, self._bound, image, points, ground, maps, through
+                )
+                pending.filled = filled[inner]
             if pending.is_shaded:
                 image = self._frame_shadows.shaded(pending, image, points, ground, rays, maps)
             if pending.lit:
