@@ -40,8 +40,9 @@ COLOUR_PART, THROUGH_PART = 0.8, 0.9
 either."""
 ALONG = 5
 """How often a map is halved along its rows, before it is halved in both directions."""
-STEPS, HIT_M = 8, 0.02
-"""Number of steps that look for where a ray hits a plane's surface, and how close to it they have to come, metres."""
+STEPS, HIT_M, BESIDE_M = 8, 0.02, 2.0
+"""Number of steps that look for where a ray hits a plane's surface, how close to it they have to come, and how far beside its
+texels a ray may hit the plane itself, metres."""
 
 
 SensorKind = type[Camera] | type[Lidar]
@@ -86,25 +87,36 @@ class TexturedPlane:
     ) -> tuple[FloatArray, Array]:
         """Return the distances (N,), metres, beyond ``start_m`` (N,) at which flat rays (N,) hit the ground from above, or the
         relief, by Newton's method, inf where they do not, and the texture's values (N, C) there, NaN without one."""
-        toward = np.einsum("j,nj->n", self.grid_from_world[2, :3], rays.directions)
-        facing = toward < -1e-3 if self.relief is None else np.abs(toward) > 1e-3
-        distance = start_m.copy()
+        turn, texture = self.grid_from_world[:3, :3], self.textures.get(kind)
+        toward = np.einsum("j,nj->n", turn[2], rays.directions)
+        some = np.flatnonzero(toward < -1e-3 if self.relief is None else np.abs(toward) > 1e-3)
+        if self.relief is not None:
+            origins = np.einsum("ij,nj->ni", turn, rays.origins[some]) + self.grid_from_world[:3, 3]
+            flat = origins - origins[:, 2:] / toward[some, None] * np.einsum("ij,nj->ni", turn, rays.directions[some])
+            some = some[self._texels(flat, BESIDE_M)[2]]
+        origins, directions, distance = rays.origins[some], rays.directions[some], start_m[some].copy()
         for step in range(STEPS + 1):
-            points = rays.origins + distance[:, None] * rays.directions
-            local = np.einsum("ij,nj->ni", self.grid_from_world[:3, :3], points) + self.grid_from_world[:3, 3]
+            points = origins + distance[:, None] * directions
+            local = np.einsum("ij,nj->ni", turn, points) + self.grid_from_world[:3, 3]
             v, u, within = self._texels(local)
             off = heights(points) if self.relief is None else local[:, 2] - bilinear(self.relief, u, v)[:, 0]
             if step < STEPS:
-                distance = np.clip(distance - off / np.where(facing, toward, np.inf), 0, REACH_M * 4)
-        hit = facing & within & (np.abs(off) < HIT_M) & (distance > start_m)
-        values = bilinear(self.textures[kind].values, u, v) if kind in self.textures else np.full((1, 1), np.nan)
-        return np.where(hit, distance, np.inf), np.broadcast_to(values, (len(hit), values.shape[1]))
+                distance = np.clip(distance - off / toward[some], 0, 4 * REACH_M)
+        hit = within & (np.abs(off) < HIT_M) & (distance > start_m[some])
+        out = np.full(len(start_m), np.inf)
+        out[some[hit]] = distance[hit]
+        values = np.full((len(start_m), 1 if texture is None else texture.values.shape[2]), np.nan, np.float32)
+        if texture is not None:
+            values[some[hit]] = bilinear(texture.values, u[hit], v[hit])
+        return out, values
 
-    def _texels(self, local: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Return the rows and columns (N,) of places (N, 3) of the grid, and which of them have texels around them."""
+    def _texels(self, local: FloatArray, beside_m: float = 0.0) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Return the rows and columns (N,) of places (N, 3) of the grid, and which of them have texels around them, or at most so
+        far beside."""
         v, u = local[:, :2].T / self.texel_m
         height, width = next(iter(self.textures.values())).share.shape[:2]
-        return v, u, (v >= 0.5) & (v <= height - 0.5) & (u >= 0.5) & (u <= width - 0.5)
+        low = 0.5 - beside_m / self.texel_m
+        return v, u, (v >= low) & (v <= height - low) & (u >= low) & (u <= width - low)
 
 
 @dataclass(frozen=True)
