@@ -33,8 +33,6 @@ RIGHT_RGB = 0.1
 """Largest error of a channel, of 0 to 1, of a colour that is right."""
 UNMEASURED = 0.6
 """Fraction of right pixels and returns that a scene without a measurement counts with."""
-MAX_SPREAD = 0.1
-"""Largest difference of distances around a ray of a sweep, as a part of the distance, that confirms one of them."""
 TURN_M = 10.0
 """Distance, metres, that counts as much as looking at right angles."""
 
@@ -123,15 +121,16 @@ class RecordedDepth:
         active: Sequence[Actor | None],
         by_sweeps: bool = False,
     ) -> BoolArray:
-        """Return whether no recorded image at all, nor a sweep beside depth edges if asked for, confirms the ends of flat rays
-        (N,), see `evidence`; False for actors that were not recorded."""
+        """Return whether no recorded image at all, nor a sweep if asked for, confirms the ends of flat rays (N,), see `evidence`;
+        False for actors that were not recorded. At depth edges a sweep confirms both surfaces, not what is between."""
         recorded = [actor is not None and actor.appearance.actor in self.actors for actor in active]
         left = np.flatnonzero(np.array([True, *recorded])[instance])
-        for view in (each for each in self.views if by_sweeps or each.model is not None):
+        views = [view for view in self.views if view.model is not None]
+        for view in (each for each in self.views if by_sweeps and each.model is None):
+            views += [replace(view, farthest=view.nearest), replace(view, nearest=view.farthest)]
+        for view in views:
             part = Rays(rays.origins[left], rays.directions[left], rays.time_s[left])
-            shown = replace(self, views=(view,)).evidence(part, depth_m[left], instance[left], active)
-            # between the distances on both sides of a sweep's wide depth edges lies much
-            left = left[(shown.alike == 0) | ((shown.spread > MAX_SPREAD) & (view.model is None))]
+            left = left[replace(self, views=(view,)).evidence(part, depth_m[left], instance[left], active).alike == 0]
         out = np.zeros(len(depth_m), bool)
         out[left] = True
         return out

@@ -40,9 +40,9 @@ COLOUR_PART, THROUGH_PART = 0.8, 0.9
 either."""
 ALONG = 5
 """How often a map is halved along its rows, before it is halved in both directions."""
-STEPS, HIT_M, BESIDE_M = 8, 0.02, 2.0
-"""Number of steps that look for where a ray hits a plane's surface, how close to it they have to come, and how far beside its
-texels a ray may hit the plane itself, metres."""
+STEPS, UNEVEN_M, BESIDE_M = 14, 1.0, 2.0
+"""Number of bisections that look for where a ray hits a plane's surface; how far below level ground, and how far beside a plane's
+texels it may, metres."""
 
 
 SensorKind = type[Camera] | type[Lidar]
@@ -86,25 +86,40 @@ class TexturedPlane:
         self, kind: SensorKind, rays: Rays, start_m: FloatArray, heights: Callable[[FloatArray], FloatArray]
     ) -> tuple[FloatArray, Array]:
         """Return the distances (N,), metres, beyond ``start_m`` (N,) at which flat rays (N,) hit the ground from above, or the
-        relief, by Newton's method, inf where they do not, and the texture's values (N, C) there, NaN without one."""
+        relief, by bisection, inf where they do not, and the texture's values (N, C) there, NaN without one."""
         turn, texture = self.grid_from_world[:3, :3], self.textures.get(kind)
-        toward = np.einsum("j,nj->n", turn[2], rays.directions)
-        some = np.flatnonzero(toward < -1e-3 if self.relief is None else np.abs(toward) > 1e-3)
+        toward, off_plane = (np.einsum("j,nj->n", turn[2], x) for x in (rays.directions, rays.origins))
+        off_plane += self.grid_from_world[2, 3]
+        side = np.ones(len(toward)) if self.relief is None else np.sign(off_plane)
+        some = np.flatnonzero(side * toward < -1e-3)
         if self.relief is not None:
-            origins = np.einsum("ij,nj->ni", turn, rays.origins[some]) + self.grid_from_world[:3, 3]
-            flat = origins - origins[:, 2:] / toward[some, None] * np.einsum("ij,nj->ni", turn, rays.directions[some])
-            some = some[self._texels(flat, BESIDE_M)[2]]
-        origins, directions, distance = rays.origins[some], rays.directions[some], start_m[some].copy()
-        for step in range(STEPS + 1):
+            flat = rays.origins[some] - (off_plane / toward)[some, None] * rays.directions[some]
+            some = some[self._texels(np.einsum("ij,nj->ni", turn, flat) + self.grid_from_world[:3, 3], BESIDE_M)[2]]
+        origins, directions, toward, side = rays.origins[some], rays.directions[some], toward[some], side[some]
+
+        def at(distance: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+            """Return how far places along the rays are off the surface, their rows and columns, and whether texels are there."""
             points = origins + distance[:, None] * directions
             local = np.einsum("ij,nj->ni", turn, points) + self.grid_from_world[:3, 3]
             v, u, within = self._texels(local)
-            off = heights(points) if self.relief is None else local[:, 2] - bilinear(self.relief, u, v)[:, 0]
-            if step < STEPS:
-                distance = np.clip(distance - off / toward[some], 0, 4 * REACH_M)
-        hit = within & (np.abs(off) < HIT_M) & (distance > start_m[some])
+            off = heights(points) if self.relief is None else side * (local[:, 2] - bilinear(self.relief, u, v)[:, 0])
+            return off, v, u, within
+
+        near = start_m[some]
+        if self.relief is None:
+            far = np.minimum(near + (at(near)[0] + UNEVEN_M) / -toward, near + 4 * REACH_M)
+        else:
+            near = np.maximum(near, (FACADE_M - np.abs(off_plane[some])) / (side * toward))
+            far = (-FACADE_M - np.abs(off_plane[some])) / (side * toward)
+        crossed = (far > near) & (at(near)[0] > 0) & (at(far)[0] < 0)
+        for _ in range(STEPS):
+            middle = (near + far) / 2
+            before = at(middle)[0] > 0
+            near, far = np.where(before, middle, near), np.where(before, far, middle)
+        _, v, u, within = at(near)
+        hit = crossed & within
         out = np.full(len(start_m), np.inf)
-        out[some[hit]] = distance[hit]
+        out[some[hit]] = near[hit]
         values = np.full((len(start_m), 1 if texture is None else texture.values.shape[2]), np.nan, np.float32)
         if texture is not None:
             values[some[hit]] = bilinear(texture.values, u[hit], v[hit])

@@ -39,7 +39,7 @@ from ..world.replay import WorldState
 from .confidence import RecordedDepth, ViewEvidence, probability
 from .contact_shadow import SHADOW_CUTOFF_M, dimmed, displaced, faded
 from .fixers import RecordedFixer
-from .frame_fill import filled_image, filled_sweep, seen_through
+from .frame_fill import filled_image, filled_sweep, seen_through, shown
 from .frame_lamps import with_lamps
 from .frame_shadows import FrameShadows
 from .frame_weather import FrameWeather, put_in_weather, sweep_in_weather
@@ -491,7 +491,15 @@ class Renderer:
             if pending.fill is not None:
                 own = self._own(pending.state)
                 through, maps = seen_through(
-                    pending.fill, Camera, pending.tracer, self.recorded_depth, pending.state, own, rays.flat(), maps
+                    pending.fill,
+                    Camera,
+                    pending.tracer,
+                    self.recorded_depth,
+                    pending.state,
+                    own,
+                    rays.flat(),
+                    maps,
+                    partial(shown, pending.tracer, pending.camera),
                 )
             points, ground = ground_of(pending, image.shape, rays, maps)
             if pending.fill is not None:
@@ -646,9 +654,9 @@ class Renderer:
         if self.fill is None:
             return depth, intensity
         own = self._own(state)
-        return filled_sweep(
-            self.fill, self.tracer(state), self.recorded_depth, state, own, rays, depth, intensity, instance
-        )
+        tracer, recorded = self.tracer(state), self.recorded_depth
+        look = partial(shown, tracer, None)
+        return filled_sweep(self.fill, tracer, recorded, state, own, rays, depth, intensity, instance, look)
 
 
 def _alone(tracer: Tracer[Any]) -> bool:
