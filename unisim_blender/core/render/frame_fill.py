@@ -1,12 +1,12 @@
 """Rendered images and sweeps whose ground and façades are filled where nobody saw them.
 
 What stood in a box that an edit empties hid what is behind. A trained scene has something there that no recorded image or sweep
-confirms: such a ray goes on to the first plane, or to what stands behind the box as it is seen above it (`seen_through`).
+confirms: such a ray goes on to the first plane, if that is before what is seen above the box (`seen_through`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,13 +23,13 @@ from .pending_image import Binding, PendingImage
 from .plane_fill import THROUGH_PART, PlaneFill, SensorKind
 from .tracer import Array, Maps, Tracer
 
-ABOVE_M, NEAREST_M, WALL_M = 0.3, 0.5, 0.5
+ABOVE_M, NEAREST_M, BEHIND_M = 0.3, 0.5, 0.5
 """How far above emptied boxes a ray looks at what is behind them, the least distance of a box that it clears, and how far behind
-that a plane is the same surface, metres."""
+what it shows a plane may be, metres."""
 
 
 class SeenThrough(NamedTuple):
-    """Rays (M,), by their numbers, that end elsewhere than on what nothing recorded confirms, and the values (M, C) there."""
+    """Rays (M,), by their numbers, that end on a plane in place of what nothing recorded confirms, and its values (M, C)."""
 
     rays: NDArray[np.int64]
     values: Array
@@ -44,10 +44,9 @@ def seen_through(
     own: Sequence[Actor | None],
     rays: Rays,
     maps: Maps,
-    shown: Callable[[Rays], tuple[Array, Maps]],
 ) -> tuple[SeenThrough, Maps]:
-    """Return which flat rays (N,) through emptied boxes go on, and the maps with their distances. ``own`` as of
-    `RecordedDepth.evidence`; ``shown`` gives the values (M, C) and distances of flat rays (M,)."""
+    """Return which flat rays (N,) through emptied boxes go on to a plane, and the maps with their distances. ``own`` as of
+    `RecordedDepth.evidence`."""
     boxes, some = state.removed_boxes, np.flatnonzero(maps["instance"] == 0)
     if recorded is None or not boxes or not len(some):
         return SeenThrough(some[:0], np.zeros((0, 3), np.float32)), maps
@@ -66,19 +65,15 @@ def seen_through(
         return SeenThrough(some, np.zeros((0, 3), np.float32)), maps
     few, before = part(some), maps["depth"][some]
     level = np.maximum(np.hypot(few.directions[:, 0], few.directions[:, 1]), 1e-6)
-    above = np.stack([few.directions[:, 0] / level, few.directions[:, 1] / level, over], 1)
     rise = np.sqrt(1 + over**2)
-    look = Rays(few.origins, above / rise[:, None], few.time_s)
-    beside, theirs = shown(look)
-    confirmed = (theirs["instance"] == 0) & ~recorded.unseen(
-        look, theirs["depth"], theirs["instance"], own, by_sweeps=True
-    )
-    upright = theirs["depth"] / (rise * level)
+    above = np.c_[few.directions[:, :2] / level[:, None], over] / rise[:, None]
+    look = Rays(few.origins, above, few.time_s)
+    shown = tracer.trace(look, {"depth", "instance"}, False, None, RenderStats()).maps
     distance, values, normals = fill.hit(kind, few, start, tracer.heights)
-    walls = upright + WALL_M < distance
-    distance, values = np.where(walls, upright, distance), np.where(walls[:, None], beside, values)
-    normals[walls] = -np.c_[above[walls, :2], np.zeros(walls.sum())]
-    distance[~confirmed] = np.inf
+    hidden = distance > shown["depth"] / (rise * level) + BEHIND_M
+    hidden |= shown["instance"] > 0
+    hidden |= recorded.unseen(look, shown["depth"], shown["instance"], own, by_sweeps=True)
+    distance[hidden] = np.inf
     for actor in state.actors:
         box_from_world = invert_pose(actor.world_from_actor.at(few.time_s))[:, None]
         near, far = intersect_boxes(few.origins, few.directions, box_from_world, np.asarray(actor.size_m)[None])
@@ -91,16 +86,6 @@ def seen_through(
     for name in changed.keys() & out.keys():
         out[name][some] = changed[name]
     return SeenThrough(some, values[ends]), out
-
-
-def shown(tracer: Tracer[Any], camera: Camera | None, rays: Rays) -> tuple[Array, Maps]:
-    """Return the colours (N, 3), without exposure, of flat rays (N,) of a camera, or the intensities (N, 1) of beams, and their
-    distances and instances."""
-    traced = tracer.trace(rays, {"depth", "instance"}, camera is not None, None, RenderStats())
-    if camera is None:
-        return tracer.returns(traced, rays.directions)[0][:, None], traced.maps
-    image = tracer.image(traced, rays.directions, camera.sensor_id, (1, len(rays.time_s)))
-    return image[0, :: tracer.upsample], traced.maps
 
 
 def _entries(rays: Rays, boxes: Sequence[Box]) -> FloatArray:
@@ -188,11 +173,10 @@ def filled_sweep(
     depth: Array,
     intensity: Array,
     instance: NDArray[np.int32],
-    shown: Callable[[Rays], tuple[Array, Maps]],
 ) -> tuple[Array, Array]:
     """Return the distances and intensities (N,) of flat beams (N,), those on ground that no sweep saw as it is filled."""
     maps = {"depth": np.where(depth > 0, depth, np.float32(np.inf)), "instance": instance}
-    through, maps = seen_through(fill, Lidar, tracer, recorded, state, own, rays, maps, shown)
+    through, maps = seen_through(fill, Lidar, tracer, recorded, state, own, rays, maps)
     depth, intensity = np.where(np.isfinite(maps["depth"]), maps["depth"], 0).astype(np.float32), intensity.copy()
     points = rays.origins + rays.directions * depth[:, None]
     some = np.flatnonzero((instance == 0) & (depth > 0))

@@ -93,7 +93,7 @@ class TexturedPlane:
         side = np.ones(len(toward)) if self.relief is None else np.sign(off_plane)
         some = np.flatnonzero(side * toward < -1e-3)
         if self.relief is not None:
-            flat = rays.origins[some] - (off_plane / toward)[some, None] * rays.directions[some]
+            flat = rays.origins[some] - (off_plane[some] / toward[some])[:, None] * rays.directions[some]
             some = some[self._texels(np.einsum("ij,nj->ni", turn, flat) + self.grid_from_world[:3, 3], BESIDE_M)[2]]
         origins, directions, toward, side = rays.origins[some], rays.directions[some], toward[some], side[some]
 

@@ -39,7 +39,7 @@ from ..world.replay import WorldState
 from .confidence import RecordedDepth, ViewEvidence, probability
 from .contact_shadow import SHADOW_CUTOFF_M, dimmed, displaced, faded
 from .fixers import RecordedFixer
-from .frame_fill import filled_image, filled_sweep, seen_through, shown
+from .frame_fill import filled_image, filled_sweep, seen_through
 from .frame_lamps import with_lamps
 from .frame_shadows import FrameShadows
 from .frame_weather import FrameWeather, put_in_weather, sweep_in_weather
@@ -499,7 +499,6 @@ class Renderer:
                     own,
                     rays.flat(),
                     maps,
-                    partial(shown, pending.tracer, pending.camera),
                 )
             points, ground = ground_of(pending, image.shape, rays, maps)
             if pending.fill is not None:
@@ -655,8 +654,7 @@ class Renderer:
             return depth, intensity
         own = self._own(state)
         tracer, recorded = self.tracer(state), self.recorded_depth
-        look = partial(shown, tracer, None)
-        return filled_sweep(self.fill, tracer, recorded, state, own, rays, depth, intensity, instance, look)
+        return filled_sweep(self.fill, tracer, recorded, state, own, rays, depth, intensity, instance)
 
 
 def _alone(tracer: Tracer[Any]) -> bool:
