@@ -207,7 +207,8 @@ def _glow(
 
 
 def _street_glow(colours: FloatArray, heads: FloatArray, rays: Rays, depth_m: FloatArray) -> None:
-    """Let the heads (L, 3) of street lamps shine in linear colours (H, W, 3), in place, where ``depth_m`` (H, W) is not nearer."""
+    """Let the heads (L, 3) of street lamps shine in linear colours (H, W, 3), in place, where nothing at ``depth_m`` (H, W) is
+    nearer."""
     flat, shown, depth_m = rays.flat(), colours.reshape(-1, 3), depth_m.reshape(-1)
     for head in heads:
         # rays start within a metre of each other: others than those about the head are left out soon
