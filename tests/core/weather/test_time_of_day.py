@@ -50,11 +50,10 @@ def test_lamps_light_what_is_ahead_by_the_square_of_its_distance() -> None:
 
 def test_a_street_lamp_lights_the_ground_by_its_flux_and_the_square_of_the_distance() -> None:
     heads = np.array([[0, 0, 8.0]])
-    nodes, weights = np.polynomial.legendre.leggauss(400)
-    down = (nodes + 1) / 2  # cosines of the angle from straight down, on a sphere of 2 m about the head
+    down = (np.arange(4000) + 0.5) / 4000  # cosines of the angle from straight down, on a sphere of 2 m about the head
     sphere = heads + 2 * np.stack([np.sqrt(1 - down**2), 0 * down, -down], 1)
-    candela = street_light(heads, sphere, np.ones(400)) / down * 4
-    assert 2 * np.pi * (candela @ weights) / 2 == pytest.approx(5000, rel=1e-3)
+    candela = street_light(heads, sphere, np.ones(4000)) / down * 4
+    assert 2 * np.pi * candela.mean() == pytest.approx(5000, rel=1e-3)
     ground = street_light(heads, np.array([[0, 0, 0], [0, 10, 0], [60, 0, 0], [0, 3, 9.0]]), np.ones(4))
     below = candela[-1] / 64
     assert ground[0] == pytest.approx(below, rel=2e-3) and (ground[2:] == 0).all()

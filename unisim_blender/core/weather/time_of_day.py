@@ -99,7 +99,7 @@ def street_light(heads: FloatArray, points: FloatArray, level: FloatArray) -> Fl
         down = (head[2] - z[near]) / distance
         candela = STREET_LM / flux * (3 - 2 * down**2) * np.clip(down / u, 0, 1)
         fade = np.clip(1 - (distance / STREET_REACH_M) ** 4, 0, 1)
-        wall = np.sqrt(1 - down**2) / np.pi
+        wall = np.sqrt(aside[near]) / distance / np.pi
         facing = wall + level[near] * (np.maximum(down, 0) - wall)
         total[near] += candela * fade * facing / np.maximum(distance, 1.0) ** 2
     return total
@@ -213,8 +213,7 @@ def _street_glow(colours: FloatArray, heads: FloatArray, rays: Rays, depth_m: Fl
     for head in heads:
         # rays start within a metre of each other: others than those about the head are left out soon
         away = head - flat.origins[0]
-        distance = np.linalg.norm(away)
-        near = np.flatnonzero(flat.directions @ away > np.sqrt(max(distance**2 - NEAR_RAYS_M**2, 0)))
+        near = np.flatnonzero(flat.directions @ away > max(float(away @ away) - NEAR_RAYS_M**2, 0.0) ** 0.5)
         away = head - flat.origins[near]
         along = (away * flat.directions[near]).sum(1)
         off = np.sqrt(np.maximum((away**2).sum(1) - along**2, 0)) / STREET_HEAD_M
