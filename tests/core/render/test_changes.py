@@ -229,7 +229,7 @@ def test_filled_frames_have_the_bits_of_whole_ones(renderer: DriveFrames, monkey
     monkeypatch.setattr(traced_planes, "TEXEL_M", 0.5)
     stays = {uid: actor for uid, actor in renderer.drive.actors.items() if uid not in backend.parked}
     drive = replace(renderer.drive, actors=stays)
-    filled = Renderer(backend, renderer.renderer.shadows, fill=traced_planes.plane_fill(backend))
+    filled = Renderer(backend, renderer.renderer.shadows, fill=traced_planes.plane_fill(backend))  # type: ignore[arg-type]
     kept, whole_ones = (DriveFrames(filled, drive, 7, reuse) for reuse in (FrameReuse(), None))
     for time_us in TIMES_US:
         found, whole = (one.image(Capture("still", time_us), CAMERA_PASSES) for one in (kept, whole_ones))
