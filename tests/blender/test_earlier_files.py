@@ -2,7 +2,7 @@
 
 `earlier/edited.blend` has a car that drives moved by 3 m, one deleted, one that stands moved, one scaled, one
 duplicated, and the ego vehicle's lane shifted; `earlier/edited.json` is the scenario that it exported.
-`earlier/swapped.json` calls an appearance ``look``.
+`earlier/swapped.json` calls an appearance ``look``. `earlier/drive.json` is the drive of the sample's scene at that time.
 """
 
 from __future__ import annotations
@@ -28,6 +28,9 @@ def folder(tmp_path: Path) -> Path:
     """The earlier files beside the trained scene that they name; the log that it was trained on is not at hand."""
     target = tmp_path / "files"
     shutil.copytree(SAMPLE / "scene", target / "scene")
+    header = json.loads((target / "scene" / "scene.json").read_text())
+    header["drive"] = json.loads((EARLIER / "drive.json").read_text())
+    (target / "scene" / "scene.json").write_text(json.dumps(header))
     for name in ("edited.blend", "edited.json", "swapped.json"):
         shutil.copy(EARLIER / name, target)
     return target

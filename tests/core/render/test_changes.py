@@ -17,6 +17,7 @@ from written_street import write_street
 from unisim_blender.core import native
 from unisim_blender.core.geometry import Trajectory
 from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
+from unisim_blender.core.render import recorded_depth, traced_planes
 from unisim_blender.core.render.changes import (
     ChangedActor,
     RenderedState,
@@ -217,6 +218,26 @@ def test_sweeps_have_the_bits_of_whole_ones(renderer: DriveFrames, weather: Weat
         rays.append(found.stats.rays / whole.stats.rays)
     assert rays[0] == 1 and max(rays[1:]) < 0.5, rays
     assert whole.returned.any()
+
+
+def test_filled_frames_have_the_bits_of_whole_ones(renderer: DriveFrames, monkeypatch: pytest.MonkeyPatch) -> None:
+    """While actors pass behind boxes that edits have emptied, and before them."""
+    backend = renderer.renderer.backend
+    if not hasattr(backend, "observed"):
+        pytest.skip("surfels are not filled")
+    monkeypatch.setattr(recorded_depth, "VIEWS_PER_SENSOR", 2)
+    monkeypatch.setattr(traced_planes, "TEXEL_M", 0.5)
+    stays = {uid: actor for uid, actor in renderer.drive.actors.items() if uid not in backend.parked}
+    drive = replace(renderer.drive, actors=stays)
+    filled = Renderer(backend, renderer.renderer.shadows, fill=traced_planes.plane_fill(backend))  # type: ignore[arg-type]
+    kept, whole_ones = (DriveFrames(filled, drive, 7, reuse) for reuse in (FrameReuse(), None))
+    for time_us in TIMES_US:
+        found, whole = (one.image(Capture("still", time_us), CAMERA_PASSES) for one in (kept, whole_ones))
+        assert_same(found, whole)
+        assert_same(*(one.sweep(Capture("beams", time_us)) for one in (kept, whole_ones)))
+    assert found.stats.rays < 0.8 * whole.stats.rays
+    plain = DriveFrames(renderer.renderer, drive).image(Capture("still", time_us), CAMERA_PASSES)
+    assert whole.depth_m is not None and (whole.depth_m != plain.depth_m).sum() > 50
 
 
 def test_nothing_is_rendered_where_nothing_moves(renderer: DriveFrames) -> None:

@@ -94,14 +94,14 @@ def pose_at(x: float, y: float, z: float) -> FloatArray:
 def test_only_the_ground_of_moved_actors_fades() -> None:
     """On the sample's scene: an unedited drive has its bytes, a moved car fades where it is as low as the road."""
     scene = open_scene(Path(__file__).parents[3] / "sample" / "scene")
-    drive, uid, frame = scene.header.drive, "car-03", 15
+    drive, uid, frame = scene.header.drive, "car-12", 10
     backend: Any = load_backend(scene)
 
     def image(shown: Drive, recorded: dict[str, Actor] | None) -> CameraFrame:
         backend.recorded_actors = recorded
         renderer = Renderer(backend)
         states, time_s = states_of(renderer, shown), float(drive.cameras["front_camera"].time_s[frame])
-        camera = states.camera("front_camera", 240)
+        camera = states.camera("front_camera", 480)
         return renderer.render(states.state(camera, time_s), camera, time_s, ("rgb", "instance"))
 
     assert (image(drive, drive.actors).rgb == image(drive, None).rgb).all()

@@ -145,10 +145,9 @@ def test_rays_hit_the_first_plane_beyond_a_distance() -> None:
 
 @dataclass
 class Level:
-    """A tracer of ground at z = 0 and of a wall, of no actor or of one."""
+    """A tracer of ground at z = 0 and of a wall."""
 
     wall_y: float = 10.0
-    instance: int = 0
 
     @staticmethod
     def heights(points: FloatArray) -> FloatArray:
@@ -156,7 +155,7 @@ class Level:
 
     def trace(self, rays: Rays, *_: object) -> SimpleNamespace:
         depth = ((self.wall_y - rays.origins[:, 1]) / rays.directions[:, 1]).astype(np.float32)
-        return SimpleNamespace(maps={"depth": depth, "instance": np.full(len(depth), self.instance, np.int32)})
+        return SimpleNamespace(maps={"depth": depth})
 
 
 class SeenAbove(RecordedDepth):
@@ -209,11 +208,10 @@ def test_what_nothing_confirms_behind_an_emptied_box_is_a_plane() -> None:
     np.testing.assert_array_equal(distance, after["depth"])
     # a wall's own intensities stay
     np.testing.assert_allclose(filled[:3], [0.25, 0.25, intensity[2]], atol=1e-6)
-    # no box, one beside the rays, and what is above it is an actor, or not confirmed either
+    # no box, one beside the rays, and what is above it is not confirmed either
     for tracer, shows, boxes in (
         (Level(), recorded, ()),
         (Level(), recorded, (replace(box, size_m=box.size_m / 9),)),
-        (Level(instance=1), recorded, (box,)),
         (Level(), RecordedDepth((), {}), (box,)),
     ):
         each = replace(state, removed_boxes=boxes)

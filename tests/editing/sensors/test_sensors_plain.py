@@ -92,7 +92,7 @@ def test_a_sensors_own_times_and_its_mount(source: DriveSource) -> None:
     )
     assert (lag(None, drive, clock) == np.eye(4)).all()
     mount = lag(camera, drive, clock) @ recorded_mount(camera, drive, clock)
-    assert np.abs(mount - mount[:1]).max() < 0.01, (
+    assert np.abs(mount - mount[:1]).max() < 0.02, (
         "fixed to the vehicle at its own times, but for what training corrects"
     )
     assert from_frame(drive, 3.0).frames.tolist() == [3.0, 4.0]

@@ -38,15 +38,15 @@ class SeenThrough(NamedTuple):
 def seen_through(
     fill: PlaneFill,
     kind: SensorKind,
-    tracer: Tracer[Any],
+    standing: Tracer[Any],
     recorded: RecordedDepth | None,
     state: WorldState,
     own: Sequence[Actor | None],
     rays: Rays,
     maps: Maps,
 ) -> tuple[SeenThrough, Maps]:
-    """Return which flat rays (N,) through emptied boxes go on to a plane, and the maps with their distances. ``own`` as of
-    `RecordedDepth.evidence`."""
+    """Return which flat rays (N,) through emptied boxes go on to a plane, and the maps with their distances. ``standing`` traces
+    the state without actors: what moves changes no ray that passes beside it. ``own`` as of `RecordedDepth.evidence`."""
     boxes, some = state.removed_boxes, np.flatnonzero(maps["instance"] == 0)
     if recorded is None or not boxes or not len(some):
         return SeenThrough(some[:0], np.zeros((0, 3), np.float32)), maps
@@ -68,11 +68,10 @@ def seen_through(
     rise = np.sqrt(1 + over**2)
     above = np.c_[few.directions[:, :2] / level[:, None], over] / rise[:, None]
     look = Rays(few.origins, above, few.time_s)
-    shown = tracer.trace(look, {"depth", "instance"}, False, None, RenderStats()).maps
-    distance, values, normals = fill.hit(kind, few, start, tracer.heights)
-    hidden = distance > shown["depth"] / (rise * level) + BEHIND_M
-    hidden |= shown["instance"] > 0
-    hidden |= recorded.unseen(look, shown["depth"], shown["instance"], own, by_sweeps=True)
+    away = standing.trace(look, {"depth"}, False, None, RenderStats()).maps["depth"]
+    distance, values, normals = fill.hit(kind, few, start, standing.heights)
+    hidden = distance > away / (rise * level) + BEHIND_M
+    hidden |= recorded.unseen(look, away, np.zeros(len(some), np.int32), own, by_sweeps=True)
     distance[hidden] = np.inf
     for actor in state.actors:
         box_from_world = invert_pose(actor.world_from_actor.at(few.time_s))[:, None]
@@ -165,7 +164,7 @@ def filled_image(
 
 def filled_sweep(
     fill: PlaneFill,
-    tracer: Tracer[Any],
+    standing: Tracer[Any],
     recorded: RecordedDepth | None,
     state: WorldState,
     own: Sequence[Actor | None],
@@ -174,13 +173,14 @@ def filled_sweep(
     intensity: Array,
     instance: NDArray[np.int32],
 ) -> tuple[Array, Array]:
-    """Return the distances and intensities (N,) of flat beams (N,), those on ground that no sweep saw as it is filled."""
+    """Return the distances and intensities (N,) of flat beams (N,), those on ground that no sweep saw as it is filled. See
+    `seen_through`."""
     maps = {"depth": np.where(depth > 0, depth, np.float32(np.inf)), "instance": instance}
-    through, maps = seen_through(fill, Lidar, tracer, recorded, state, own, rays, maps)
+    through, maps = seen_through(fill, Lidar, standing, recorded, state, own, rays, maps)
     depth, intensity = np.where(np.isfinite(maps["depth"]), maps["depth"], 0).astype(np.float32), intensity.copy()
     points = rays.origins + rays.directions * depth[:, None]
     some = np.flatnonzero((instance == 0) & (depth > 0))
-    there, filled, share = fill.of(Lidar, points[some], tracer.heights)
+    there, filled, share = fill.of(Lidar, points[some], standing.heights)
     some = some[there]
     intensity[some] += share[:, 0] * (filled[:, 0] - intensity[some])
     known = np.isfinite(through.values[:, 0])

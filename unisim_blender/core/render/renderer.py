@@ -79,7 +79,7 @@ class Renderer:
         self.backend, self.shadows, self._recorded_depth, self.fill = backend, shadows, recorded_depth, fill
         self.fixer = fixer
         self._bound = Binding(backend)
-        self._behind = Binding(backend)
+        self._behind, self._standing = Binding(backend), Binding(backend)
         self._frame_shadows = FrameShadows(backend)
         self._frame_weather = FrameWeather(backend)
         self._lighting = self._bound if lighting is None or lighting is backend else Binding(lighting)
@@ -489,17 +489,9 @@ class Renderer:
         if pending.is_drawn_on:
             assert rays is not None
             if pending.fill is not None:
-                own = self._own(pending.state)
-                through, maps = seen_through(
-                    pending.fill,
-                    Camera,
-                    pending.tracer,
-                    self.recorded_depth,
-                    pending.state,
-                    own,
-                    rays.flat(),
-                    maps,
-                )
+                state, own = pending.state, self._own(pending.state)
+                standing, recorded = self._without_actors(state), self.recorded_depth
+                through, maps = seen_through(pending.fill, Camera, standing, recorded, state, own, rays.flat(), maps)
             points, ground = ground_of(pending, image.shape, rays, maps)
             if pending.fill is not None:
                 image, maps, filled = filled_image(
@@ -653,8 +645,14 @@ class Renderer:
         if self.fill is None:
             return depth, intensity
         own = self._own(state)
-        tracer, recorded = self.tracer(state), self.recorded_depth
-        return filled_sweep(self.fill, tracer, recorded, state, own, rays, depth, intensity, instance)
+        standing, recorded = self._without_actors(state), self.recorded_depth
+        return filled_sweep(self.fill, standing, recorded, state, own, rays, depth, intensity, instance)
+
+    def _without_actors(self, state: WorldState) -> Tracer[Any]:
+        """Return the tracer of a state without its actors, which is only needed behind emptied boxes, else that of the state."""
+        if not state.removed_boxes:
+            return self.tracer(state)
+        return self._standing.tracer(state.restricted([]), self.quality)
 
 
 def _alone(tracer: Tracer[Any]) -> bool:
