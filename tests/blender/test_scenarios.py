@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from helpers import SAMPLE, assert_alike, drive_of, there_and_back
 
-from unisim_blender.bridge.objects.imported import source_of
+from unisim_blender.bridge.objects.imported import copy_of, imported_objects, source_of
 from unisim_blender.bridge.objects.settings import rendered_keys
 from unisim_blender.bridge.objects.weather import show_recorded_sun, weather_and_sun
 from unisim_blender.bridge.sampling.stepping import sample_all
@@ -54,6 +54,8 @@ STATED: dict[str, dict[str, Any]] = {
         }
     },
     "dusk": {"weather": {"sun_elevation_deg": -6.0}},
+    "lamps": {"weather": {"sun_elevation_deg": -18.0, "street_lamps": [[4.0, -2.5, 8.0], [-310.123, 12.0, 6.5]]}},
+    "lamps by day": {"weather": {"sun_elevation_deg": 20.0, "street_lamps": [[4.0, -2.5, 8.0]]}},
     "the sun goes down": {
         "weather": {"sun_elevation_deg": [{"time_s": 0.1, "value": 10.0}, {"time_s": 0.7, "value": -18.0}]}
     },
@@ -108,6 +110,36 @@ def test_what_no_object_stands_for_comes_back(scene: Any, tmp_path: Path, name: 
             assert now.sun_elevation_deg == pytest.approx(was.sun_elevation_deg, abs=1e-3)
             now = replace(now, snow_mm_h=0, sun_elevation_deg=0)
             assert now == replace(was, snow_mm_h=0, sun_elevation_deg=0)
+    lamps = [None if x.weather is None else x.weather.street_lamps for x in (before, after)]
+    assert lamps[1] == lamps[0]
+
+
+def test_street_lamps_are_objects_that_are_moved_copied_and_deleted(scene: Any, tmp_path: Path) -> None:
+    members = {"weather": {"sun_elevation_deg": -12.0, "street_lamps": [[12.5, 3.0, 7.0]]}}
+    there_and_back(stating(members, tmp_path), tmp_path)
+    (lamp,) = imported_objects(scene, "STREET_LAMP")
+    before = weather_and_sun(scene)
+    scene.cursor.location = (20.0, -3.0, 0.0)
+    assert bpy.ops.unisim.add_street_lamp(height_m=8.0) == {"FINISHED"}
+    added = bpy.context.active_object
+    assert weather_and_sun(scene) != before
+    copy = copy_of(bpy.context, added)
+    copy.location.x, copy.scale = 40.0, (1.5, 1.5, 1.5)
+    lamp.location = (13.0, 4.0, 2.0)
+
+    def lamps() -> Any:
+        weather = scenario_of(scene, tmp_path / "lit.json").weather
+        return weather is not None and sorted(weather.street_lamps or ())
+
+    assert lamps() == [(13.0, 4.0, 7.0), (20.0, -3.0, 8.0), (40.0, -3.0, 12.0)]
+    sampled = sample_all(scene, Clock.of(source_of(scene).drive))
+    view = next(obj for obj in sampled.objects if obj.kind == "CAMERA")
+    asked = camera_request(sampled, view, source_of(scene), 6.0, (64, 36))
+    state = decode_state(asked.values["state"])
+    assert state.weather is not None and sorted(state.weather.street_lamps) == lamps()
+    bpy.data.objects.remove(lamp)
+    copy.hide_render = True
+    assert lamps() == [(20.0, -3.0, 8.0)]
 
 
 def test_weather_is_animated_as_anything_and_reaches_what_is_rendered(scene: Any, tmp_path: Path) -> None:

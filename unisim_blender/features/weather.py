@@ -6,12 +6,14 @@ import math
 import bpy
 from bpy.props import BoolProperty, FloatProperty, FloatVectorProperty, IntProperty, PointerProperty, StringProperty
 
-from ..bridge.objects.weather import CLEAR_M
+from ..bridge.objects.weather import CLEAR_M, add_street_lamp
+from ..bridge.window import choose, drive, object_mode
 from ..core.scenario.light import MIN_ELEVATION_DEG
+from ..core.scenario.weather import MAX_LAMP_HEIGHT_M, MIN_VISIBILITY_M
 from ..core.scenario.weather import MIN_ELEVATION_DEG as NIGHT_DEG
-from ..core.scenario.weather import MIN_VISIBILITY_M
 from ..core.world.light import MAX_STRENGTH, direction_to
 from ..core.world.weather import AS_RECORDED_DEG
+from .operator_bases import EditsObjects, in_metres
 from .sidebar import DrivePanel, settings_column
 
 
@@ -60,6 +62,21 @@ class UNISIM_PT_weather(DrivePanel, bpy.types.Panel):
         column.use_property_decorate = True
         for name in ("visibility_m", "rain_mm_h", "snow_mm_h", "wetness", "sun_elevation", "seed"):
             column.prop(context.scene.unisim_weather, name)
+        column.operator("unisim.add_street_lamp", icon="ADD")
+
+
+class UNISIM_OT_add_street_lamp(EditsObjects, bpy.types.Operator):
+    """Put a street lamp, on by night, with its foot at the 3D cursor; its scale changes the height"""
+
+    bl_label = "Add Street Lamp"
+    needs = (object_mode, drive)
+
+    height_m: in_metres(
+        "Height", "Height of the lamp above the ground", 8.0, once=False, min=0.5, max=MAX_LAMP_HEIGHT_M
+    )
+
+    def edit(self, context: bpy.types.Context) -> None:
+        choose(context, add_street_lamp(context.scene, context.scene.cursor.location, self.height_m))
 
 
 def _turn(self: "UniSimSun", direction: tuple[float, float, float]) -> None:

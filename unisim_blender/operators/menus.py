@@ -49,7 +49,7 @@ class UNISIM_MT_render(bpy.types.Menu):
 OBJECT_MENU = (
     "duplicate_actor.where delete_actor replace_appearance swap_class.group maneuver.kind retime_actor.mode shift_actor "
     "follow_curve snap_to_ground mesh_actor release_mesh ego_body release_ego_body parked_row row_of_cones",
-    "mark_static copy_static forget_static find_lamps",
+    "mark_static copy_static forget_static find_lamps add_street_lamp",
     "shift_ego aim_sensor set_beams.preset UNISIM_MT_rig_presets save_rig restore_sensors",
     "find_actors edit_boxes draw_box.label track_this keep_box stop_tracking next_doubtful dismiss_doubtful",
     "accept_boxes delete_boxes class_boxes.label merge_boxes.other split_boxes save_boxes discard_boxes",

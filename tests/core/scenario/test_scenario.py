@@ -70,6 +70,7 @@ EVERYTHING: dict[str, Any] = {
         "rain_mm_h": 2.5,
         "snow_mm_h": [{"time_s": 0, "value": 0}],
         "sun_elevation_deg": [{"time_s": 0, "value": 10}, {"time_s": 2, "value": -6}],
+        "street_lamps": [[4.5, -3, 8], [30, 3, 6.5]],
         "seed": 4,
         "sensors": {"pulse_ns": 6, "divergence_mrad": 1.5, "exposure_s": 0.01, "threshold": 0.2, "overlap_m": 4},
     },
@@ -327,6 +328,24 @@ def test_paths_are_relative_to_the_file(tmp_path: Path) -> None:
             -20,
             "s.json: weather.sun_elevation_deg: -20 is less than the minimum of -18",
         ),
+        (("weather", "street_lamps"), 8, "s.json: weather.street_lamps: 8 is not of type 'array'"),
+        (("weather", "street_lamps", 1), [3, 4], "s.json: weather.street_lamps[1]: [3, 4] is too short"),
+        (
+            ("weather", "street_lamps", 1, 0),
+            float("nan"),
+            "s.json: weather.street_lamps[1][0]: nan is not a finite number",
+        ),
+        (
+            ("weather", "street_lamps", 0, 2),
+            0,
+            "s.json: weather.street_lamps[0][2]: 0 is less than or equal to the minimum of 0",
+        ),
+        (
+            ("weather", "street_lamps"),
+            [[1, 2, 8]] * 501,
+            "s.json: weather.street_lamps: has 501 members, more than the 500 that are read",
+        ),
+        (("weather", "street_lamps", 0, 1), 1e7, "s.json: weather.street_lamps[0][1]: 1e+07 is not within 1e+06 m"),
         (("weather", "visibility_m"), "fog", "s.json: weather.visibility_m: 'fog' is not of type 'number'"),
         (("weather", "visibility_m"), [], "s.json: weather.visibility_m: [] should be non-empty"),
         (

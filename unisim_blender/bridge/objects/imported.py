@@ -22,7 +22,7 @@ from ...editing.sampled.source import DriveSource, NotImported, open_source
 COLLECTIONS = {
     "EGO": "Ego", "CAMERA": "Sensors", "LIDAR": "Sensors", "ACTOR": "Actors", "STATIC": "Static items",
     "POINTS": "LiDAR points", "TRACK": "Boxes",
-    "TRAJECTORY": "Trajectories", "BODY": "Ego",
+    "TRAJECTORY": "Trajectories", "BODY": "Ego", "STREET_LAMP": "Street lamps",
 }  # fmt: skip
 ROOT_COLLECTION = "UniSim"
 KINDS_OF_DRIVE = ("EGO", "CAMERA", "LIDAR", "ACTOR", "STATIC", "BODY")

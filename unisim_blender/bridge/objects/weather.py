@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
+from typing import Any
 
 import bpy
 import numpy as np
@@ -17,7 +18,7 @@ from ...core.world.light import SunPosition
 from ...core.world.weather import AS_RECORDED_DEG, KEYED
 from ...editing.sampled.clock import Clock
 from .animation import curves_of
-from .imported import source_of
+from .imported import collection_of, imported_objects, source_of
 
 CLEAR_M = 1e5
 """Visibility from which there is no fog."""
@@ -25,13 +26,37 @@ NONE = {"visibility_m": CLEAR_M, "sun_elevation_deg": AS_RECORDED_DEG}
 """Values, by member, that change nothing, where that is not 0."""
 WEATHER, SUN = "unisim_weather", "unisim_sun"
 """Names of the scene's groups of properties."""
+LAMP = "STREET_LAMP"
+"""Kind of the objects that are street lamps."""
 
 
-def weather_and_sun(scene: bpy.types.Scene) -> tuple[float, ...]:
-    """Return what the weather and the sun are at the frame that is shown."""
+def weather_and_sun(scene: bpy.types.Scene) -> tuple[object, ...]:
+    """Return what the weather, its street lamps and the sun are at the frame that is shown."""
     weather, sun = scene.unisim_weather, scene.unisim_sun
     values = *(getattr(weather, _shown(name)) for name in (*KEYED, "seed")), sun.enabled
-    return *values, *(getattr(sun, _shown(name)) for name in SUN_KEYED)
+    return *values, *(getattr(sun, _shown(name)) for name in SUN_KEYED), street_lamps(scene)
+
+
+def add_street_lamp(scene: bpy.types.Scene, foot: Sequence[float], height_m: float) -> bpy.types.Object:
+    """Return a new street lamp: an arrow from its foot (3,) to its head."""
+    obj = bpy.data.objects.new("street lamp", None)
+    obj.empty_display_type, obj.empty_display_size, obj.location = "SINGLE_ARROW", height_m, foot
+    obj.unisim.kind = LAMP
+    collection_of(scene, LAMP).objects.link(obj)
+    return obj
+
+
+def street_lamps(scene: bpy.types.Scene) -> tuple[tuple[float, float, float], ...]:
+    """Return x, y and the height, metres, of a scene's street lamps; those that are hidden in renders are not there."""
+    lamps = []
+    for obj in imported_objects(scene, LAMP):
+        if not obj.hide_render:
+            # a scene that is not shown, or a new object, has not been evaluated
+            place = obj.matrix_basis if obj.parent is None else obj.matrix_world
+            height_m = obj.empty_display_size * place.to_scale().z
+            x, y, height = (float(f"{value:.7g}") for value in (*place.translation.xy, height_m))
+            lamps.append((x, y, height))
+    return tuple(lamps)
 
 
 def scene_weather(scene: bpy.types.Scene) -> WeatherSpec | None:
@@ -41,7 +66,9 @@ def scene_weather(scene: bpy.types.Scene) -> WeatherSpec | None:
         return None
     about, clock = scene.unisim_weather, Clock.of(source_of(scene).drive)
     values = {name: _value(scene, WEATHER, name, clock) for name in KEYED}
-    stated = {name: value for name, value in values.items() if _changes(name, value)}
+    stated: dict[str, Any] = {name: value for name, value in values.items() if _changes(name, value)}
+    if lamps := street_lamps(scene):
+        stated["street_lamps"] = lamps
     if not stated:
         return None
     sensors = ReceiverSpec(**json.loads(about.sensors)) if about.sensors else None
@@ -100,6 +127,11 @@ def apply_weather(scene: bpy.types.Scene, spec: WeatherSpec | None, clock: Clock
     sensors = asdict(spec.sensors) if spec is not None and spec.sensors is not None else {}
     stated = {name: value for name, value in sensors.items() if value is not None}
     about.sensors = json.dumps(stated) if stated else ""
+    bpy.data.batch_remove(list(imported_objects(scene, LAMP)))
+    path = source_of(scene).drive.world_from_ego.positions
+    for x, y, height_m in (spec.street_lamps if spec is not None else None) or ():
+        nearest = np.linalg.norm(path[:, :2] - [x, y], axis=1).argmin()
+        add_street_lamp(scene, (x, y, path[nearest, 2]), height_m)
 
 
 def apply_light(scene: bpy.types.Scene, spec: LightSpec | None, clock: Clock) -> None:

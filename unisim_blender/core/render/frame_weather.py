@@ -98,7 +98,7 @@ def put_in_weather(
         rays = camera_rays(pending.camera, pending.time_s, *grid)
         sky, tracer = air.sky(frame, rows, columns, size, OPEN_SKY), pending.tracer
         frame.rgb = time_of_day.shown(
-            frame, pending.state, tracer.active.uids, weather.sun_elevation_deg, sky, rays, tracer.heights, air.full_sun
+            frame, pending.state, tracer.active.uids, weather, sky, rays, tracer.heights, air.full_sun
         )
         air = air._replace(light=air.light * time_of_day.light_of(weather.sun_elevation_deg).sky)
     if weather.wet:

@@ -44,6 +44,7 @@ MAX_MEMBERS = {
     "shift": 20_000,
     "map": 20_000,
     "street": 100,
+    "street_lamps": 500,
 }
 """Largest number of members of a list or an object, by its name."""
 MAX_VALUES = 500_000
@@ -57,7 +58,7 @@ MIN_SPEED_FACTOR, MAX_SPEED_FACTOR = 1e-3, 1e3
 """Smallest and largest factor on the speed of a retimed actor."""
 _UNITS = {"_m": (MAX_M, "m"), "_s": (MAX_S, "s"), "_deg": (MAX_DEG, "degrees")}
 _NAMES = {
-    "position": (MAX_M, "m"), "map": (MAX_S, "s"), "times": (MAX_S, "s"),
+    "position": (MAX_M, "m"), "street_lamps": (MAX_M, "m"), "map": (MAX_S, "s"), "times": (MAX_S, "s"),
     **dict.fromkeys(("fx", "fy", "cx", "cy"), (MAX_PIXELS, "pixels")),
     "factors": (MAX_M, "times"), "quaternion_wxyz": (MAX_M, "in length"),
 }  # fmt: skip

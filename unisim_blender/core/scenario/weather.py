@@ -9,10 +9,14 @@ from typing import Annotated, Union
 from ..world.captures import microseconds
 from ..world.weather import AS_RECORDED_DEG, KEYED, Receiver, Weather, WeatherKeys
 from .checks import require
-from .json_schema import NUMBER, Schema, SchemaOf, members_of, object_of
+from .json_schema import NUMBER, POSITIVE, Schema, SchemaOf, members_of, object_of
 
 MIN_VISIBILITY_M, MAX_VISIBILITY_M = 5.0, 1e6
 MIN_ELEVATION_DEG = -18.0
+MAX_LAMP_HEIGHT_M = 50.0
+LAMP: Schema = {
+    "type": "array", "minItems": 3, "maxItems": 3, "prefixItems": [NUMBER, NUMBER, {**POSITIVE, "maximum": MAX_LAMP_HEIGHT_M}]
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -80,6 +84,13 @@ class WeatherSpec:
         ]
         | None
     ) = None  # fmt: skip
+    street_lamps: (
+        Annotated[
+            tuple[tuple[float, float, float], ...],
+            SchemaOf({"type": "array", "items": LAMP, "description": "Lamps by night: x, y, height above the ground."}),
+        ]
+        | None
+    ) = None
     seed: Annotated[int, SchemaOf({"type": "integer", "minimum": 0, "maximum": 2**31 - 1})] | None = None
     sensors: ReceiverSpec | None = None
 
@@ -119,4 +130,4 @@ def weather_of(spec: WeatherSpec) -> WeatherKeys:
     keys = keys_of(spec, KEYED)
     sensors = {} if spec.sensors is None else asdict(spec.sensors)
     receiver = Receiver(**{name: value for name, value in sensors.items() if value is not None})
-    return WeatherKeys(keys, Weather(seed=spec.seed or 0, receiver=receiver))
+    return WeatherKeys(keys, Weather(seed=spec.seed or 0, receiver=receiver, street_lamps=spec.street_lamps or ()))

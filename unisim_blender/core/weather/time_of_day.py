@@ -2,8 +2,8 @@
 
 The light on level ground falls with the sun's elevation as it was measured (Seidelmann, Explanatory Supplement to the
 Astronomical Almanac, 1992, after Bond & Henderson 1963), and a town's own light comes to it. A camera adapts, so that its
-image gets darker by a small power of that alone. Moving vehicles have head lamps. No light is followed on its way: there are
-no shadows of lamps, no street lamps, and walls keep the sun that they were recorded in.
+image gets darker by a small power of that alone. Moving vehicles have head lamps, and a scenario places street lamps. No
+light is followed on its way: lamps cast no shadows, and walls keep the sun that they were recorded in.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ..sensors.rays import Rays
 from ..world.classes import motion_of
 from ..world.drive import Actor
 from ..world.replay import WorldState
-from ..world.weather import LAMPS_DEG
+from ..world.weather import LAMPS_DEG, Weather
 from .camera import LUMINANCE
 from .wet_ground import GROUND_M
 
@@ -29,8 +29,8 @@ ELEVATIONS_DEG = (-18, -12, -6, -5, -0.8, 0, 5, 10, 15, 20, 30, 40, 50, 60, 70, 
 DAYLIGHT_LX = (
     6.51e-4, 8.31e-3, 3.4, 10.8, 453, 732, 4760, 10900, 18600, 27300, 47000, 66700, 85000, 102000, 113000, 120000, 124000
 )  # fmt: skip
-TOWN_LX = 8.0
-"""Light of a town at night on its ground: of lamps that nobody has recorded."""
+TOWN_LX, REST_LX = 8.0, 2.0
+"""Light of a town at night on its ground, of lamps that nobody has recorded; and what is left of it beside stated ones."""
 ADAPTED = 0.19
 """Power of the light by which a camera's image gets darker."""
 TWILIGHT, LOW_SUN, TOWN = (0.80, 0.95, 1.35), (1.08, 1.0, 0.88), (1.25, 1.0, 0.74)
@@ -52,6 +52,10 @@ STANDING_M, UPRIGHT = 0.35, 0.7
 """Height above the ground from which on what stands is lit as if it faced the lamps, and the cosine that it then has."""
 LEAST_LENGTH_M = 2.5
 """Length of the shortest vehicle with lamps."""
+STREET_LM, CUT_OFF = 5000.0, 0.26
+"""A street lamp's flux, lumen, and the cosine of the angle from straight down from which on it dims, to nothing at 90°."""
+STREET_REACH_M, STREET_HEAD_M, STREET_HEAD, NEAR_RAYS_M = 50.0, 0.2, (1.0, 0.93, 0.75), 3.0
+"""How far a street lamp shines, fading; the radius and the colour of its head, and how near to it rays are looked at."""
 
 
 class Lamps(NamedTuple):
@@ -81,6 +85,33 @@ class Lamps(NamedTuple):
         return total
 
 
+def street_light(heads: FloatArray, points: FloatArray, level: FloatArray) -> FloatArray:
+    """Return the light (N,), lux, of street lamps with heads (L, 3) on points (N, 3), world frame: for a part ``level`` (N,) of
+    level ground, else of walls, the mean over all directions that these may face. It is alike all around, and goes as 1 + 2
+    sin² of the angle from straight down up to 75°."""
+    total, u = np.zeros(len(points)), CUT_OFF
+    flux = 2 * np.pi * (3 * (1 - u) - 2 / 3 * (1 - u**3) + 1.5 * u - 0.5 * u**3)
+    x, y, z = np.ascontiguousarray(points.T)
+    for head in heads:
+        aside = (x - head[0]) ** 2 + (y - head[1]) ** 2
+        near = np.flatnonzero(aside < STREET_REACH_M**2)
+        distance = np.maximum(np.sqrt(aside[near] + (head[2] - z[near]) ** 2), 1e-6)
+        down = (head[2] - z[near]) / distance
+        candela = STREET_LM / flux * (3 - 2 * down**2) * np.clip(down / u, 0, 1)
+        fade = np.clip(1 - (distance / STREET_REACH_M) ** 4, 0, 1)
+        wall = np.sqrt(aside[near]) / distance / np.pi
+        facing = wall + level[near] * (np.maximum(down, 0) - wall)
+        total[near] += candela * fade * facing / np.maximum(distance, 1.0) ** 2
+    return total
+
+
+def street_heads(weather: Weather, heights: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """Return where the heads (L, 3) of the street lamps are, world frame, always in the same order."""
+    heads = np.array(sorted(weather.street_lamps), np.float64).reshape(-1, 3)
+    heads[:, 2] -= heights(heads * [1, 1, 0])
+    return heads
+
+
 class HourLight(NamedTuple):
     """What the colours of ground and sky are multiplied by, (3,) each; the part of the recorded sun that still shines, 0 to 1;
     and by how much the light of one lux is multiplied, relative to the recorded light."""
@@ -91,8 +122,8 @@ class HourLight(NamedTuple):
     per_lx: float
 
 
-def light_of(elevation_deg: float) -> HourLight:
-    """Return the light when the sun stands at an elevation."""
+def light_of(elevation_deg: float, town_lx: float = TOWN_LX) -> HourLight:
+    """Return the light when the sun stands at an elevation, with ``town_lx`` of a town's on the ground."""
     day, by_day = (float(10 ** np.interp(x, ELEVATIONS_DEG, np.log10(DAYLIGHT_LX))) for x in (elevation_deg, 90.0))
     level, part = ((day + TOWN_LX) / by_day) ** ADAPTED, day / (day + TOWN_LX)
     direct = float(np.clip(elevation_deg / DIRECT_DEG, 0, 1))
@@ -100,18 +131,20 @@ def light_of(elevation_deg: float) -> HourLight:
     tint = part * (1 + low * (np.array(LOW_SUN) - 1) + down * (np.array(TWILIGHT) - np.array(LOW_SUN)))
     town = (1 - part) * np.array(TOWN)
     above = tint * (1 + (TWILIGHT_SKY - 1) * (1 - direct)) + TOWN_SKY * town
-    return HourLight(level * (tint + town), level * above, direct, level / (day + TOWN_LX))
+    return HourLight(level * (tint + town * (town_lx / TOWN_LX)), level * above, direct, level / (day + TOWN_LX))
 
 
 def shown(
-    frame: CameraFrame, state: WorldState, uids: Sequence[str], elevation_deg: float, sky: BoolArray, rays: Rays,
+    frame: CameraFrame, state: WorldState, uids: Sequence[str], weather: Weather, sky: BoolArray, rays: Rays,
     heights: Callable[[FloatArray], FloatArray], full_sun: float,
 ) -> NDArray[np.float32]:  # fmt: skip
-    """Return the colours (H, W, 3), sRGB, of a frame by day with depths and instances of ``uids``, as if the sun stood at an
-    elevation. Its ``rays`` (H, W) show ``sky`` (H, W) or what stands; ``heights`` returns heights above the ground, and
+    """Return the colours (H, W, 3), sRGB, of a frame by day with depths and instances of ``uids``, as if the sun stood as
+    ``weather`` says. Its ``rays`` (H, W) show ``sky`` (H, W) or what stands; ``heights`` returns heights above the ground, and
     ``full_sun`` is the luminance of ground in the sun."""
     assert frame.depth_m is not None and frame.instance is not None
-    light = light_of(elevation_deg)
+    lamps_on = weather.sun_elevation_deg < LAMPS_DEG
+    heads = street_heads(weather, heights) if lamps_on else np.zeros((0, 3))
+    light = light_of(weather.sun_elevation_deg, REST_LX if len(heads) else TOWN_LX)
     solid = ~sky & np.isfinite(frame.depth_m) & np.isfinite(rays.directions).all(-1)
     colours = linear_from_srgb(frame.rgb)
     out = np.minimum(colours * light.sky, 1)
@@ -125,12 +158,15 @@ def shown(
         shade = np.clip((SHADE[1] - share) / (SHADE[1] - SHADE[0]), 0, 1) * (1 - light.direct)
         seen[ground] *= (np.array(LIFT) ** shade[:, None]).astype(np.float32)
     dim = np.minimum(seen * light.ground, 1)
-    if elevation_deg < LAMPS_DEG:
+    if lamps_on:
         level = np.clip((STANDING_M - above) / (STANDING_M - GROUND_M), 0, 1)
-        lit = np.sum([lamps.light(points, level) for lamps in head_lamps(state, heights)], axis=0)
-        dim = 1 - (1 - dim) * np.exp(-seen * (light.per_lx * lit)[:, None])
+        lit = np.sum([lamps.light(points, level) for lamps in head_lamps(state, heights)], axis=0)[:, None]
+        if len(heads):
+            lit = lit + street_light(heads, points, level)[:, None] * TOWN
+        dim = 1 - (1 - dim) * np.exp(-seen * (light.per_lx * lit))
         _glow(dim, instance, uids, state, points)
     out[solid] = dim
+    _street_glow(out, heads, rays, np.where(sky, np.inf, frame.depth_m))
     return srgb_from_linear(out.astype(np.float32))
 
 
@@ -168,3 +204,18 @@ def _glow(
             off = np.hypot(aside, local[:, 2] + height / 2 - up) / LAMP_SIZE_M
             bright = np.clip(1.5 - off, 0, 1) * (end * local[:, 0] > length / 2 - LAMP_DEPTH_M)
             colours[mine] += bright[:, None] * (np.array(colour) - colours[mine])
+
+
+def _street_glow(colours: FloatArray, heads: FloatArray, rays: Rays, depth_m: FloatArray) -> None:
+    """Let the heads (L, 3) of street lamps shine in linear colours (H, W, 3), in place, where nothing at ``depth_m`` (H, W) is
+    nearer."""
+    flat, shown, depth_m = rays.flat(), colours.reshape(-1, 3), depth_m.reshape(-1)
+    for head in heads:
+        # rays start within a metre of each other: others than those about the head are left out soon
+        away = head - flat.origins[0]
+        near = np.flatnonzero(flat.directions @ away > max(float(away @ away) - NEAR_RAYS_M**2, 0.0) ** 0.5)
+        away = head - flat.origins[near]
+        along = (away * flat.directions[near]).sum(1)
+        off = np.sqrt(np.maximum((away**2).sum(1) - along**2, 0)) / STREET_HEAD_M
+        bright = np.clip(1.5 - off, 0, 1) * ((along > 0) & (along < depth_m[near] + 2 * STREET_HEAD_M))
+        shown[near] += bright[:, None] * (STREET_HEAD - shown[near])

@@ -12,7 +12,7 @@ import numpy as np
 WETTING_MM_H = 2.0
 """Rate of rain that leaves a part 1/e of the ground dry."""
 AS_RECORDED_DEG, LAMPS_DEG = 90.0, 3.0
-"""Elevation of the sun that stands for the recorded light, and the one below which vehicles have lamps on."""
+"""Elevation of the sun that stands for the recorded light, and the one below which lamps are on."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,8 @@ class Receiver:
 class Weather:
     """The weather at one moment: ``visibility_m``, inf without fog; ``rain_mm_h`` and ``snow_mm_h`` of liquid water;
     ``wetness`` of the ground, 0 to 1, to which rain adds; ``seed`` of the particles and of random draws. Images look as if
-    the sun stood ``sun_elevation_deg`` high; at `AS_RECORDED_DEG` as they were recorded."""
+    the sun stood ``sun_elevation_deg`` high; at `AS_RECORDED_DEG` as they were recorded. ``street_lamps``: x and y of a
+    lamp, world frame, and its height above the ground there, metres; on below `LAMPS_DEG`."""
 
     visibility_m: float = math.inf
     rain_mm_h: float = 0.0
@@ -42,6 +43,7 @@ class Weather:
     seed: int = 0
     receiver: Receiver = Receiver()
     sun_elevation_deg: float = AS_RECORDED_DEG
+    street_lamps: tuple[tuple[float, float, float], ...] = ()
 
     @property
     def is_clear(self) -> bool:
@@ -64,16 +66,18 @@ class Weather:
         return 1 - (1 - self.wetness) * math.exp(-self.rain_mm_h / WETTING_MM_H)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form; visibility is None without fog."""
-        return {**asdict(self), "visibility_m": None if math.isinf(self.visibility_m) else self.visibility_m}
+        """Return the JSON form; visibility is None without fog, and lamps are a member where there are any."""
+        values = {**asdict(self), "visibility_m": None if math.isinf(self.visibility_m) else self.visibility_m}
+        lamps = values.pop("street_lamps")
+        return {**values, "street_lamps": [list(lamp) for lamp in lamps]} if lamps else values
 
     @staticmethod
     def from_dict(values: dict[str, Any]) -> Weather:
         """Return the weather of `to_dict`. Raises TypeError for other members."""
         visibility, receiver = values["visibility_m"], Receiver(**values["receiver"])
-        return Weather(
-            **{**values, "visibility_m": math.inf if visibility is None else visibility, "receiver": receiver}
-        )
+        lamps = tuple((float(x), float(y), float(height_m)) for x, y, height_m in values.get("street_lamps", ()))
+        visibility = math.inf if visibility is None else visibility
+        return Weather(**{**values, "visibility_m": visibility, "receiver": receiver, "street_lamps": lamps})
 
 
 KEYED = ("visibility_m", "rain_mm_h", "snow_mm_h", "wetness", "sun_elevation_deg")
@@ -92,6 +96,8 @@ class WeatherKeys:
         """Return the weather at a time, seconds; None where it changes nothing."""
         values: dict[str, Any] = {name: self.value(name, time_s) for name in self.keys}
         weather = replace(self.constant, **values)
+        if weather.sun_elevation_deg >= LAMPS_DEG:
+            weather = replace(weather, street_lamps=())
         return None if weather.is_clear else weather
 
     def value(self, name: str, time_s: float) -> float:
