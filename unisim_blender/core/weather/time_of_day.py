@@ -30,7 +30,7 @@ DAYLIGHT_LX = (
     6.51e-4, 8.31e-3, 3.4, 10.8, 453, 732, 4760, 10900, 18600, 27300, 47000, 66700, 85000, 102000, 113000, 120000, 124000
 )  # fmt: skip
 TOWN_LX, REST_LX = 8.0, 2.0
-"""Light of a town at night on its ground, of lamps that nobody has recorded; and what is left of it beside stated ones."""
+"""Light of a town at night on its ground, of lamps that nobody has recorded; and what is left of it at stated ones."""
 ADAPTED = 0.19
 """Power of the light by which a camera's image gets darker."""
 TWILIGHT, LOW_SUN, TOWN = (0.80, 0.95, 1.35), (1.08, 1.0, 0.88), (1.25, 1.0, 0.74)
@@ -114,16 +114,17 @@ def street_heads(weather: Weather, heights: Callable[[FloatArray], FloatArray]) 
 
 class HourLight(NamedTuple):
     """What the colours of ground and sky are multiplied by, (3,) each; the part of the recorded sun that still shines, 0 to 1;
-    and by how much the light of one lux is multiplied, relative to the recorded light."""
+    by how much the light of one lux is multiplied, relative to the recorded light; and what of ``ground`` is the town's."""
 
     ground: FloatArray
     sky: FloatArray
     direct: float
     per_lx: float
+    town: FloatArray
 
 
-def light_of(elevation_deg: float, town_lx: float = TOWN_LX) -> HourLight:
-    """Return the light when the sun stands at an elevation, with ``town_lx`` of a town's on the ground."""
+def light_of(elevation_deg: float) -> HourLight:
+    """Return the light when the sun stands at an elevation."""
     day, by_day = (float(10 ** np.interp(x, ELEVATIONS_DEG, np.log10(DAYLIGHT_LX))) for x in (elevation_deg, 90.0))
     level, part = ((day + TOWN_LX) / by_day) ** ADAPTED, day / (day + TOWN_LX)
     direct = float(np.clip(elevation_deg / DIRECT_DEG, 0, 1))
@@ -131,7 +132,7 @@ def light_of(elevation_deg: float, town_lx: float = TOWN_LX) -> HourLight:
     tint = part * (1 + low * (np.array(LOW_SUN) - 1) + down * (np.array(TWILIGHT) - np.array(LOW_SUN)))
     town = (1 - part) * np.array(TOWN)
     above = tint * (1 + (TWILIGHT_SKY - 1) * (1 - direct)) + TOWN_SKY * town
-    return HourLight(level * (tint + town * (town_lx / TOWN_LX)), level * above, direct, level / (day + TOWN_LX))
+    return HourLight(level * (tint + town), level * above, direct, level / (day + TOWN_LX), level * town)
 
 
 def shown(
@@ -144,7 +145,7 @@ def shown(
     assert frame.depth_m is not None and frame.instance is not None
     lamps_on = weather.sun_elevation_deg < LAMPS_DEG
     heads = street_heads(weather, heights) if lamps_on else np.zeros((0, 3))
-    light = light_of(weather.sun_elevation_deg, REST_LX if len(heads) else TOWN_LX)
+    light = light_of(weather.sun_elevation_deg)
     solid = ~sky & np.isfinite(frame.depth_m) & np.isfinite(rays.directions).all(-1)
     colours = linear_from_srgb(frame.rgb)
     out = np.minimum(colours * light.sky, 1)
@@ -157,7 +158,13 @@ def shown(
         share = seen[ground] @ LUMINANCE / full_sun
         shade = np.clip((SHADE[1] - share) / (SHADE[1] - SHADE[0]), 0, 1) * (1 - light.direct)
         seen[ground] *= (np.array(LIFT) ** shade[:, None]).astype(np.float32)
-    dim = np.minimum(seen * light.ground, 1)
+    ground_light = light.ground
+    if len(heads):
+        # stated lamps stand for the town's where they shine
+        nearest = np.min([np.hypot(*(points[:, :2] - head[:2]).T) for head in heads], axis=0)
+        missing = (1 - REST_LX / TOWN_LX) * np.clip(1 - (nearest / STREET_REACH_M) ** 2, 0, 1)
+        ground_light = ground_light - missing[:, None] * light.town
+    dim = np.minimum(seen * ground_light, 1)
     if lamps_on:
         level = np.clip((STANDING_M - above) / (STANDING_M - GROUND_M), 0, 1)
         lit = np.sum([lamps.light(points, level) for lamps in head_lamps(state, heights)], axis=0)[:, None]
