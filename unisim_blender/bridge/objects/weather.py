@@ -26,8 +26,8 @@ NONE = {"visibility_m": CLEAR_M, "sun_elevation_deg": AS_RECORDED_DEG}
 """Values, by member, that change nothing, where that is not 0."""
 WEATHER, SUN = "unisim_weather", "unisim_sun"
 """Names of the scene's groups of properties."""
-LAMP = "STREET_LAMP"
-"""Kind of the objects that are street lamps."""
+LAMP, HEAD_M = "STREET_LAMP", 0.8
+"""Kind of the objects that are street lamps, and the width of their heads, metres."""
 
 
 def weather_and_sun(scene: bpy.types.Scene) -> tuple[object, ...]:
@@ -38,10 +38,12 @@ def weather_and_sun(scene: bpy.types.Scene) -> tuple[object, ...]:
 
 
 def add_street_lamp(scene: bpy.types.Scene, foot: Sequence[float], height_m: float) -> bpy.types.Object:
-    """Return a new street lamp: an arrow from its foot (3,) to its head."""
-    obj = bpy.data.objects.new("street lamp", None)
-    obj.empty_display_type, obj.empty_display_size, obj.location = "SINGLE_ARROW", height_m, foot
-    obj.unisim.kind = LAMP
+    """Return a new street lamp: lines from its foot (3,) to its head, as a mesh, which views through a camera show, too."""
+    mesh, across = bpy.data.meshes.new("street lamp"), HEAD_M / 2
+    ends = [(-across, 0, height_m), (across, 0, height_m), (0, -across, height_m), (0, across, height_m)]
+    mesh.from_pydata([(0, 0, 0), (0, 0, height_m), *ends], [(0, 1), (2, 3), (4, 5)], [])
+    obj = bpy.data.objects.new("street lamp", mesh)
+    obj.location, obj.unisim.kind = foot, LAMP
     collection_of(scene, LAMP).objects.link(obj)
     return obj
 
@@ -53,7 +55,7 @@ def street_lamps(scene: bpy.types.Scene) -> tuple[tuple[float, float, float], ..
         if not obj.hide_render:
             # a scene that is not shown, or a new object, has not been evaluated
             place = obj.matrix_basis if obj.parent is None else obj.matrix_world
-            height_m = obj.empty_display_size * place.to_scale().z
+            height_m = max((vertex.co.z for vertex in obj.data.vertices), default=0.0) * place.to_scale().z
             x, y, height = (float(f"{value:.7g}") for value in (*place.translation.xy, height_m))
             lamps.append((x, y, height))
     return tuple(lamps)

@@ -28,7 +28,7 @@ KINDS = (
     ("BODY", "Ego body", "Mesh of the body of the ego vehicle, which the sensors of the vehicle do not see"),
     ("TRAJECTORY", "Trajectory", "Hidden parent that carries the recorded keyframes of a moving object"),
     ("TRACK", "Box", "Box of an actor that is found, drawn or corrected, before it is saved"),
-    ("STREET_LAMP", "Street lamp", "Arrow from the foot to the head of a lamp that is on by night"),
+    ("STREET_LAMP", "Street lamp", "Lines from the foot to the head of a lamp that is on by night"),
 )
 SIGHTS = (
     ("AUTO", "Off the vehicle", "The sensor sees the body of the ego vehicle unless it is mounted on the vehicle"),
