@@ -490,7 +490,7 @@ class Renderer:
             assert rays is not None
             if pending.fill is not None:
                 state, own = pending.state, self._own(pending.state)
-                standing, recorded = self._without_actors(state), self.recorded_depth
+                standing, recorded = self._behind_boxes(state)
                 through, maps = seen_through(pending.fill, Camera, standing, recorded, state, own, rays.flat(), maps)
             points, ground = ground_of(pending, image.shape, rays, maps)
             if pending.fill is not None:
@@ -645,14 +645,15 @@ class Renderer:
         if self.fill is None:
             return depth, intensity
         own = self._own(state)
-        standing, recorded = self._without_actors(state), self.recorded_depth
+        standing, recorded = self._behind_boxes(state)
         return filled_sweep(self.fill, standing, recorded, state, own, rays, depth, intensity, instance)
 
-    def _without_actors(self, state: WorldState) -> Tracer[Any]:
-        """Return the tracer of a state without its actors, which is only needed behind emptied boxes, else that of the state."""
+    def _behind_boxes(self, state: WorldState) -> tuple[Tracer[Any], RecordedDepth | None]:
+        """Return the tracer of a state without its actors and the recorded depth, where the state has emptied boxes; else its own
+        tracer and None."""
         if not state.removed_boxes:
-            return self.tracer(state)
-        return self._standing.tracer(state.restricted([]), self.quality)
+            return self.tracer(state), None
+        return self._standing.tracer(state.restricted([]), self.quality), self.recorded_depth
 
 
 def _alone(tracer: Tracer[Any]) -> bool:
