@@ -10,7 +10,6 @@ from random_scene import CARS, PASSES, TINY, edited
 
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.frames import RenderStats
-from unisim_blender.core.sensors.rays import Rays
 
 from .measures import Bench, Measure, most
 from .scenes import fan, make_scene
@@ -32,7 +31,7 @@ def counts(bench: Bench) -> Iterator[Measure]:
             part = slice(row, row + 1)
             alone = arrays_of(
                 tracer.trace(
-                    Rays(rays.origins[part], rays.directions[part], rays.time_s[part]),
+                    rays.part(part),
                     PASSES,
                     True,
                     None,

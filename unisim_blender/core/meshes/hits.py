@@ -211,7 +211,7 @@ class MeshActors:
         if not self.actors:
             return None
         near = np.flatnonzero(self._near(rays, 0.0))
-        part = Rays(rays.origins[near], rays.directions[near], rays.time_s[near])
+        part = rays.part(near)
         t, actor, normals, colours = self._first(part, near_m)
         hit = actor >= 0
         if not hit.any():

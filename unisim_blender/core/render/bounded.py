@@ -97,7 +97,7 @@ class BoundedRenderer:
         rays = lidar_rays(lidar, capture.time_s(lidar)).flat()
         rng = np.random.default_rng(capture.seed(self.seed))
         some = drawn(np.ones(len(rays.time_s)), SWEEP_SAMPLE_BEAMS, rng)
-        sample = Rays(rays.origins[some], rays.directions[some], rays.time_s[some])
+        sample = rays.part(some)
         truth = self._depths(sample, lidar, TRUTH_QUALITY)
         for name, quality in ERROR_BOUND_QUALITIES.items():
             errors = depth_errors(self._depths(sample, lidar, quality), truth)

@@ -129,7 +129,7 @@ class RecordedDepth:
         for view in (each for each in self.views if by_sweeps and each.model is None):
             views += [replace(view, farthest=view.nearest), replace(view, nearest=view.farthest)]
         for view in views:
-            part = Rays(rays.origins[left], rays.directions[left], rays.time_s[left])
+            part = rays.part(left)
             left = left[replace(self, views=(view,)).evidence(part, depth_m[left], instance[left], active).alike == 0]
         out = np.zeros(len(depth_m), bool)
         out[left] = True

@@ -50,20 +50,18 @@ def seen_through(
     boxes, some = state.removed_boxes, np.flatnonzero(maps["instance"] == 0)
     if recorded is None or not boxes or not len(some):
         return SeenThrough(some[:0], np.zeros((0, 3), np.float32)), maps
-
-    def part(number: NDArray[np.int64]) -> Rays:
-        return Rays(rays.origins[number], rays.directions[number], rays.time_s[number])
-
-    emptied = _entries(part(some), boxes)
-    copies = _entries(part(some), [Box(copy.world_from_target, copy.source.size_m) for copy in state.static_copies])
+    emptied = _entries(rays.part(some), boxes)
+    copies = _entries(
+        rays.part(some), [Box(copy.world_from_target, copy.source.size_m) for copy in state.static_copies]
+    )
     crossing = (emptied < maps["depth"][some]) & ~np.isfinite(copies)
     some, start = some[crossing], emptied[crossing]
-    unseen = recorded.unseen(part(some), maps["depth"][some], maps["instance"][some], own, by_sweeps=True)
-    over = _above(part(some), boxes)
+    unseen = recorded.unseen(rays.part(some), maps["depth"][some], maps["instance"][some], own, by_sweeps=True)
+    over = _above(rays.part(some), boxes)
     some, start, over = (x[unseen & np.isfinite(over)] for x in (some, start, over))
     if not len(some):
         return SeenThrough(some, np.zeros((0, 3), np.float32)), maps
-    few, before = part(some), maps["depth"][some]
+    few, before = rays.part(some), maps["depth"][some]
     level = np.maximum(np.hypot(few.directions[:, 0], few.directions[:, 1]), 1e-6)
     rise = np.sqrt(1 + over**2)
     above = np.c_[few.directions[:, :2] / level[:, None], over] / rise[:, None]

@@ -59,11 +59,11 @@ class FrameShadows:
         shadows, out = pending.shadows, np.ones((len(depth), 3))
         assert shadows is not None
         solid = np.flatnonzero(np.isfinite(depth))
-        rays = Rays(rays.origins[solid], rays.directions[solid], rays.time_s[solid])
+        rays = rays.part(solid)
         states = {"edited": shadows.edited, "recorded": shadows.recorded}
 
         def facing(some: NDArray[np.bool_]) -> FloatArray:
-            part = Rays(rays.origins[some], rays.directions[some], rays.time_s[some])
+            part = rays.part(some)
             hits = pending.tracer.active.mesh_actors.seen_by(pending.camera).hit_by_rays(part, NEAR_M)
             normals = pending.tracer.trace(part, {"normal"}, False, hits, RenderStats()).maps["normal"]
             return np.asarray(normals, np.float64)
@@ -91,7 +91,7 @@ class FrameShadows:
                 continue
             if uid not in pending.patches:
                 pending.patches[uid] = self._patches(pending, shadows, each)
-            part = Rays(rays.origins[some], rays.directions[some], rays.time_s[some])
+            part = rays.part(some)
             points = part.origins + part.directions * maps["depth"][some, None].astype(np.float64)
             facing = tracer.trace(part, {"normal"}, False, None, RenderStats()).maps["normal"].astype(np.float64)
             at = Rays(points, facing, part.time_s)

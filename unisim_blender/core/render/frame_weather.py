@@ -63,7 +63,7 @@ class FrameWeather:
             rays = camera_rays(small, time_s, *pixel_grid(small.model))
             up = np.flatnonzero((rays.directions[..., 2] > 0).reshape(-1))
             flat, probability = rays.flat(), np.ones(rays.time_s.shape, np.float32)
-            above = Rays(flat.origins[up], flat.directions[up], flat.time_s[up])
+            above = flat.part(up)
             traced = tracer.trace(above, {"depth"}, False, None, RenderStats())
             probability.reshape(-1)[up] = tracer.returns(traced, above.directions)[1]
             if len(self._air) >= MAX_STORED_AIR:
@@ -123,7 +123,7 @@ def mirrored(pending: PendingImage, bound: Binding, air: camera_weather.Air) -> 
     shape, flat, quality = rays.time_s.shape, rays.flat(), tracer.quality
     tracer.quality = QUALITIES["fast"]
     down = np.flatnonzero(flat.directions[:, 2] < 0)
-    rays = Rays(flat.origins[down], flat.directions[down], flat.time_s[down])
+    rays = flat.part(down)
     depth = tracer.trace(rays, {"depth"}, False, None, RenderStats()).maps["depth"]
     points = rays.origins + rays.directions * np.where(np.isfinite(depth), depth, 0.0)[:, None]
     some = np.flatnonzero(wet_ground.is_ground(tracer.heights(points), -rays.directions[:, 2]) & np.isfinite(depth))

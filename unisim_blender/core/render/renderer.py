@@ -456,7 +456,7 @@ class Renderer:
         without = replace(pending, tracer=tracer, state=state, needed=set(), shadowing=[], displaced={}, shadows=None)
         shape = cells[0].shape
         if up == 1 and tracer.reach == 0:
-            few = Rays(rays.origins[some], rays.directions[some], rays.time_s[some])
+            few = rays.part(some)
             u, v = (np.broadcast_to(x, shape).reshape(-1)[some][None] for x in cells)
             colours = self._seen(without, (u, v), few, up)[0].reshape(1, -1, 3)
             if pending.shadows is not None:

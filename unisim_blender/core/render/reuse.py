@@ -137,7 +137,7 @@ def _sweep(
     instance = _renumbered(before.instance, before.instances, uids)
     stats = RenderStats()
     if changed.any():
-        some = Rays(rays.origins[changed], rays.directions[changed], rays.time_s[changed])
+        some = rays.part(changed)
         depth, intensity = depth.copy(), intensity.copy()
         probability, instance = probability.copy(), instance.copy()
         depth[changed], intensity[changed], probability[changed], instance[changed] = renderer.beams(

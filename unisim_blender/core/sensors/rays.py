@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry import BoolArray, FloatArray
 from ..world.drive import Camera, Lidar
@@ -37,6 +38,10 @@ class Rays:
     def flat(self) -> Rays:
         """Return the rays in one row: (N, 3), (N, 3), (N,)."""
         return Rays(self.origins.reshape(-1, 3), self.directions.reshape(-1, 3), self.time_s.reshape(-1))
+
+    def part(self, some: NDArray[np.int64] | BoolArray | slice) -> Rays:
+        """Return some of the rays, flat: by their numbers if they are flat, or by which of them."""
+        return Rays(self.origins[some], self.directions[some], self.time_s[some])
 
     def sound(self) -> Rays:
         """Return flat rays (N,) with those that are not finite, or have no unit direction, replaced by rays that start

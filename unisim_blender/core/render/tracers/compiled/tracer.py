@@ -233,7 +233,7 @@ class CompiledTracer:
         for begin in range(0, n, CHUNK_RAYS):
             part = order[begin : begin + CHUNK_RAYS]
             at = slice(begin, begin + CHUNK_RAYS) if listed else part
-            some = Rays(rays.origins[at], rays.directions[at], rays.time_s[at])
+            some = rays.part(at)
             self._run(rays, part, some, sky, mesh_hits, traced, maps, stats, starts)
         solid = traced.opacity > 0.5
         if "depth" in maps:

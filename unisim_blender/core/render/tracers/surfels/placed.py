@@ -53,7 +53,7 @@ class PlacedSurfels:
         order = np.argsort(np.arctan2(rays.directions[:, 1], rays.directions[:, 0]), kind="stable")
         for begin in range(0, len(order) if self.placed else 0, BUNDLE_RAYS):
             part = order[begin : begin + BUNDLE_RAYS]
-            bundle = Rays(rays.origins[part], rays.directions[part], rays.time_s[part])
+            bundle = rays.part(part)
             times, which = moments(bundle)
             for number in self._bounds.in_reach(bundle):
                 actor, faces = self.placed[number]

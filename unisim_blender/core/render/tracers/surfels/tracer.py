@@ -116,9 +116,7 @@ class SurfelTracer:
         parts = []
         for begin in range(0, n, CHUNK_RAYS):
             part = slice(begin, begin + CHUNK_RAYS)
-            parts.append(
-                self._part(Rays(flat.origins[part], flat.directions[part], flat.time_s[part]), passes, sky, pixel_rad)
-            )
+            parts.append(self._part(flat.part(part), passes, sky, pixel_rad))
         feature = np.concatenate([part[0] for part in parts])
         depth = np.concatenate([part[1] for part in parts])
         maps = {name: np.concatenate([part[2][name] for part in parts]) for name in parts[0][2]}
