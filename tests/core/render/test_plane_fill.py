@@ -286,6 +286,16 @@ def test_images_are_filled_where_no_image_saw_the_ground(backend: CompiledBacken
     np.testing.assert_array_equal(part.rgb, after.rgb[60:120, 20:200])
 
 
+def test_a_view_without_anything_to_fill_stays(backend: CompiledBackend, fill: PlaneFill) -> None:
+    drive = without_parked_cars(backend.observed[0].drive)
+    plain, whole = (DriveFrames(Renderer(backend, fill=each), drive) for each in (None, fill))
+    sky, passes = Region(100, 0, 140, 16), ("rgb", "depth", "unsupported")
+    before, after = (frames.camera("front_camera", FRAME, passes, 240, sky) for frames in (plain, whole))
+    np.testing.assert_array_equal(before.rgb, after.rgb)
+    np.testing.assert_array_equal(before.unsupported, after.unsupported)
+    assert before.depth_m is not None and np.isinf(before.depth_m).any()
+
+
 def test_recorded_images_stay(backend: CompiledBackend, fill: PlaneFill) -> None:
     drive = backend.observed[0].drive
     plain, whole = (DriveFrames(Renderer(backend, fill=each), drive) for each in (None, fill))

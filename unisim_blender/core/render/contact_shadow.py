@@ -47,7 +47,7 @@ def shaded(
     assert points.shape == rgb.shape and ground.shape == rgb.shape[:2], (rgb.shape, points.shape, ground.shape)
     boxes = [Box(actor.world_from_actor.at(time_s), actor.size_m) for actor in actors if actor.present(time_s)]
     light = np.where(ground, contact_light(points.reshape(-1, 3), boxes).reshape(ground.shape), 1.0)
-    return rgb if light.min() == 1.0 else dimmed(rgb, light[..., None])
+    return rgb if (light == 1).all() else dimmed(rgb, light[..., None])
 
 
 def contact_light(points: FloatArray, boxes: Iterable[Box]) -> FloatArray:
