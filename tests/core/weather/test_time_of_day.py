@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from drive_frames import DriveFrames
 from numpy.typing import NDArray
+from small_log import write_small_log
 
 from unisim_blender.core import native
 from unisim_blender.core.colour import linear_from_srgb, srgb_from_linear
@@ -119,6 +120,27 @@ def test_a_night_is_nearer_to_a_streets_true_one_than_any_gain_and_tint_of_its_d
 
 def _error(day: NDArray[np.float32], night: NDArray[np.float32], gain: float) -> float:
     return float(np.mean((srgb_from_linear((linear_from_srgb(day) * gain).astype(np.float32)) - night) ** 2))
+
+
+@pytest.mark.parametrize("renderer", ("neural", "surfel", "warp"))
+@pytest.mark.parametrize("pitch_deg", (-80, 80))
+def test_views_of_the_sky_and_of_the_ground_have_weather(renderer: str, pitch_deg: float, tmp_path: Path) -> None:
+    if renderer != "neural":
+        write_small_log(tmp_path / "log")
+    mount = {"position": [1.2, 0, 1.5], "pitch_deg": pitch_deg}
+    camera = {"id": "w", "width": 40, "height": 24, "horizontal_fov_deg": 40, "mount": mount}
+    document = {
+        "format": "unisim-scenario", "version": 1, "name": "sky", "log": "log", "edits": [],
+        "sensors": {"cameras": [camera], "lidars": []},
+        "weather": {"rain_mm_h": 20, "wetness": 1, "sun_elevation_deg": -5, "street_lamps": [[9, 0, 5]]},
+        **({"scene": str(SAMPLE)} if renderer == "neural" else {}),
+    }  # fmt: skip
+    (tmp_path / "s.json").write_text(json.dumps(document))
+    plan, _ = plan_scenario(tmp_path / "s.json", RenderOptions(quality="fast", renderer=renderer))
+    frames = DriveFrames(plan.recipe.load(), plan.drive)
+    image = frames.camera("w", 1, ("rgb", "depth"))
+    assert np.isfinite(image.rgb).all() and image.depth_m is not None
+    assert np.isfinite(image.depth_m).all() == (image.depth_m.min() < 9)
 
 
 @pytest.mark.skipif(native.library() is None, reason="the kernels were not built")

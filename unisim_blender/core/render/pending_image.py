@@ -135,6 +135,9 @@ def row_of_colours(
 ) -> tuple[NDArray[np.float32], Maps]:
     """Return colours (N, 3), as in a camera's image, and the needed maps of flat rays (N,) that see no mesh. They are a row
     of cells: a decoder that reads neighbours sees ground on both sides."""
+    if not len(rays.time_s):
+        empty: Maps = {name: np.empty(0, np.int32 if name == "instance" else np.float32) for name in needed}
+        return np.empty((0, 3), np.float32), empty
     sensor_id = pending.camera.sensor_id
     traced = tracer.trace(rays, needed, True, None, RenderStats())
     rgb = tracer.image(traced, rays.directions, sensor_id, (1, len(rays.time_s)))[0, :: tracer.upsample]

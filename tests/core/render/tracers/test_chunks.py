@@ -32,4 +32,6 @@ def test_no_memory_for_the_least_is_told() -> None:
 
 
 def test_no_rays_make_no_chunk() -> None:
-    in_chunks(0, 10, lambda begin, end: pytest.fail("there is none"))
+    none = list[tuple[int, int]]()
+    in_chunks(0, 10, lambda begin, end: none.append((begin, end)))
+    assert none == [(0, 0)], "no rays are a chunk, so that their result has its shape"

@@ -100,6 +100,14 @@ def sweep_rays(drive: Drive) -> Rays:
     return Rays(rays.origins + [0, 0, 0.013], rays.directions, rays.time_s)
 
 
+@needs_library
+def test_no_rays_have_no_hits(tmp_path: Path) -> None:
+    none = Rays(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    for tracer in both(saved(tmp_path / "scene", TINY), edited()):
+        traced = tracer.trace(none, {"depth", "instance"}, True, None, RenderStats())
+        assert {name: len(each) for name, each in traced.maps.items()} == {"depth": 0, "instance": 0}
+
+
 def test_what_does_not_agree_is_seen() -> None:
     exact = np.arange(20.0).reshape(4, 5)
     close(exact.reshape(-1), exact + 1e-4, (4, 5), 1e-3)

@@ -41,7 +41,8 @@ from unisim_blender.core.render.tracers.surfels.tracer import SurfelBackend
 from unisim_blender.core.render.tracers.surfels.views import open_view
 from unisim_blender.core.render.tracers.warping import WarpTracer
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
-from unisim_blender.core.sensors.frames import CameraFrame
+from unisim_blender.core.sensors.frames import CameraFrame, RenderStats
+from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.worker.protocol import read_message
 from unisim_blender.core.worker.server import Jobs, Server
 from unisim_blender.core.world.drive import Drive
@@ -470,6 +471,18 @@ def test_an_actor_of_another_scene_is_a_sentence(log: Log, scenes: dict[str, Sur
     drive = replace(log.drive, actors={uid: replace(actor, appearance=replace(actor.appearance, scene="/elsewhere"))})
     with pytest.raises(SceneError, match="/elsewhere"):
         bound_to(SurfelBackend(scenes["surfel"], log.drive), drive)
+
+
+def test_no_rays_have_no_hits(log: Log, scenes: dict[str, SurfelScene]) -> None:
+    tracer = bound_to(SurfelBackend(scenes["surfel"], log.drive), log.drive)
+    none = Rays(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    traced = tracer.trace(none, {"depth", "instance", "normal"}, True, None, RenderStats())
+    assert {name: each.shape for name, each in traced.maps.items()} == {
+        "depth": (0,),
+        "instance": (0,),
+        "normal": (0, 3),
+    }
+    assert tracer.image(traced, none.directions, CAMERA, (1, 0)).shape == (1, 0, 3)
 
 
 def test_what_shows_the_vehicle_itself_colours_nothing(scenes: dict[str, SurfelScene], log: Log) -> None:

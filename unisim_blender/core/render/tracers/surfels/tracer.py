@@ -114,7 +114,7 @@ class SurfelTracer:
         stats.samples_spent += n
         pixel_rad = _pixel_rad(rays)
         parts = []
-        for begin in range(0, n, CHUNK_RAYS):
+        for begin in range(0, max(n, 1), CHUNK_RAYS):
             part = slice(begin, begin + CHUNK_RAYS)
             parts.append(self._part(flat.part(part), passes, sky, pixel_rad))
         feature = np.concatenate([part[0] for part in parts])

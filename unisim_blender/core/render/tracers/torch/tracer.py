@@ -49,13 +49,13 @@ MIN_CHUNK_RAYS = 1 << 12
 
 
 def in_chunks(count: int, rays: int, take: Callable[[int, int], None]) -> None:
-    """Call ``take`` with the first and the end of each chunk of ``count`` rays, of ``rays`` at most.
+    """Call ``take`` with the first and the end of each chunk of ``count`` rays, of ``rays`` at most; once where there are none.
 
     Where the device has no memory for a chunk, it and those that follow are halved. Raises torch.cuda.OutOfMemoryError
     where there is none for `MIN_CHUNK_RAYS`. ``take`` must store its result last.
     """
     begin = 0
-    while begin < count:
+    while begin < count or begin == 0:
         try:
             take(begin, min(begin + rays, count))
         except torch.cuda.OutOfMemoryError:
