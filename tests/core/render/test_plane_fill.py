@@ -292,6 +292,7 @@ def test_a_view_without_anything_to_fill_stays(backend: CompiledBackend, fill: P
     sky, passes = Region(100, 0, 140, 16), ("rgb", "depth", "unsupported")
     before, after = (frames.camera("front_camera", FRAME, passes, 240, sky) for frames in (plain, whole))
     np.testing.assert_array_equal(before.rgb, after.rgb)
+    assert before.unsupported is not None and after.unsupported is not None
     np.testing.assert_array_equal(before.unsupported, after.unsupported)
     assert before.depth_m is not None and np.isinf(before.depth_m).any()
 
