@@ -70,6 +70,8 @@ class PendingImage:
     """What ground and façades have where nobody saw them; None where they are to stay as the scene has them."""
     filled: Array | None = None
     """How much of the part (H, W) of the image that was last finished is filled, 0..1; None without a fill."""
+    is_detailed: bool = False
+    """Whether detail of recorded images is added."""
     is_fixed: bool = False
     """Whether a fixer draws anew what no recorded image shows."""
     lit: dict[int, Actor] = field(default_factory=dict)
@@ -93,7 +95,7 @@ class PendingImage:
     @property
     def is_drawn_on(self) -> bool:
         """Whether the image is changed by what its rays hit."""
-        return self.is_shaded or self.fill is not None or bool(self.lit)
+        return self.is_shaded or self.is_detailed or self.fill is not None or bool(self.lit)
 
 
 class Binding:

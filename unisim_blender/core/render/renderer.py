@@ -75,9 +75,10 @@ class Renderer:
         recorded_depth: RecordedDepth | None = None,
         fill: PlaneFill | None = None,
         fixer: RecordedFixer | None = None,
+        detail: RecordedDetail | None = None,
     ) -> None:
         self.backend, self.shadows, self._recorded_depth, self.fill = backend, shadows, recorded_depth, fill
-        self.fixer = fixer
+        self.fixer, self.detail = fixer, detail
         self._bound = Binding(backend)
         self._behind, self._standing = Binding(backend), Binding(backend)
         self._frame_shadows = FrameShadows(backend)
@@ -210,6 +211,7 @@ class Renderer:
             and state.light is None
             and self.fill is None
             and self.fixer is None
+            and self.detail is None
             and _alone(tracer)
             and not tracer.active.mesh_actors.seen_by(camera).actors
             and not self._shadowing(state, camera)
@@ -239,12 +241,13 @@ class Renderer:
             if actor.uid in tracer.active.uids
         }
         lit = {tracer.active.uids.index(actor.uid) + 1: actor for actor in self._lit(state)}
-        drawn_on = bool(shadowing or moved or shadows or lit or self.fill is not None)
+        drawn_on = bool(shadowing or moved or shadows or lit or self.fill is not None or self.detail is not None)
         needed = _needed(self._with_evidence(passes), drawn_on)
         needed |= FINISHING_MAPS if state.weather is not None or self.fixer is not None else set()
         undeciding = needed - _needed(set(passes) - {"confidence"}, False)
         pending = PendingImage(tracer, state, camera, time_s, passes, needed, undeciding, shadowing, moved, shadows)
         pending.fill, pending.is_fixed, pending.lit = self.fill, self.fixer is not None, lit
+        pending.is_detailed = self.detail is not None
         if state.weather is not None:
             pending.air = self._frame_weather.air(state, camera, time_s, self.quality, self._clear_frame)
         return pending
@@ -488,6 +491,14 @@ class Renderer:
         up = pending.tracer.upsample
         if pending.is_drawn_on:
             assert rays is not None
+            if pending.is_detailed and self.detail is not None:
+                points, _ = ground_of(pending, image.shape, rays, maps)
+                times_s, instance = (
+                    np.repeat(np.repeat(x.reshape(rays.time_s.shape), up, 0), up, 1)[: image.shape[0], : image.shape[1]]
+                    for x in (rays.time_s, maps["instance"])
+                )
+                own = self._own(pending.state)
+                image = self.detail.added(pending, self._bound, image, points, times_s, instance, own)
             if pending.fill is not None:
                 state, own = pending.state, self._own(pending.state)
                 standing, recorded = self._behind_boxes(state)
