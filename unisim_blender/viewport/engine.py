@@ -148,6 +148,7 @@ class UniSimEngine(bpy.types.RenderEngine):
             quality=scene.unisim.quality,
             shadows=scene.unisim.contact_shadows,
             fill=scene.unisim.fill,
+            detail=scene.unisim.detail,
             device=device(),
             rows=[height - top, height - bottom],
             columns=[left, right],

@@ -165,6 +165,7 @@ class ViewportImage:
             scene.unisim.quality,
             scene.unisim.contact_shadows,
             scene.unisim.fill,
+            scene.unisim.detail,
             weather_and_sun(scene),
             tuple(lamp.state for lamp in scene.unisim_lamps),
             options.mode,
@@ -237,7 +238,7 @@ class ViewportImage:
         passes = ["rgb", "unsupported"] if clip or options.unsupported else ["rgb"]
         passes += ["confidence"] if options.confidence else []
         set_up = {"quality": scene.unisim.quality, "shadows": scene.unisim.contact_shadows, "device": device()}
-        set_up["fill"] = scene.unisim.fill
+        set_up |= {"fill": scene.unisim.fill, "detail": scene.unisim.detail}
         return {**asked.values, **set_up, "clip": clip, "passes": passes}
 
     def _with_passes(self, values: dict[str, Any]) -> dict[str, Any]:

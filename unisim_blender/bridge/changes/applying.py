@@ -92,6 +92,7 @@ def _apply_settings(target: Target) -> None:
         scene.unisim.contact_shadows = bool(outputs.contact_shadows)
         scene.unisim.fill_ground = outputs.fill not in (None, "none")
         scene.unisim.fixer = "" if outputs.fill in (None, *FILLS) else outputs.fill
+        scene.unisim.detail = bool(outputs.detail)
 
 
 def apply_static(target: Target) -> None:

@@ -263,6 +263,7 @@ def scene_key(plan: RenderPlan) -> str:
         settings.draw,
         settings.contact_shadows,
         settings.fill,
+        settings.detail,
     ]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 

@@ -109,6 +109,12 @@ def render_options(
             help="texture: ground and façades that nobody saw have the texture of the street around them; or the name of a "
             f"fixer, or module:function, that draws on images after that. [default: {owner}, or none]",
         ),
+        "detail": click.option(
+            "--detail/--no-detail",
+            default=None,
+            help="Whether images of a trained scene get the detail of recorded images near by, which the log must have. "
+            f"[default: {owner}, or not]",
+        ),
         "renderer": click.option("--renderer", help=renderer, **kind),
         "scene": click.option("--scene", type=SourceParam(), help=f"A trained scene, in place of {scene or owner}."),
         "boxes": click.option("--boxes", type=PATH, help=f"{BOXES_HELP} Not with a trained scene, which has its own."),

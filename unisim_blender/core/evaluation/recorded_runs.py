@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..data.log import Log
 from ..data.own_vehicle import outlines_from_json
 from ..errors import UnisimError
 from ..files import holds_out, write_file
@@ -20,9 +21,10 @@ from ..output.frame_files import png_bytes
 from ..prepare.replay import aligned_log, replayed_drive
 from ..prepare.selection import check_names, select_frames
 from ..render.code_identity import code_identity
+from ..render.recorded_detail import RecordedDetail
 from ..render.renderer import Renderer
 from ..scenes.recipe import load_backend
-from ..scenes.scene import open_scene
+from ..scenes.scene import Scene, open_scene
 from ..world.drive import Drive
 from .recorded import EvaluationPlan, FrameImages, Perceptual, TimedRenderer, evaluate
 from .tracklets import disturbance_taken_back
@@ -104,6 +106,15 @@ class EvaluationOptions:
     quality: str = "balanced"
     lpips_weights: Path | None = None
     device: str = "cpu"
+    detail: bool = False
+
+    def renderer(self, scene: Scene, others: Mapping[str, Scene], log: Log) -> Renderer:
+        """Return the renderer of a trained scene, with actors of others, and with the detail of a log's images if asked for."""
+        backend = load_backend(scene, others, self.quality, self.device)
+        if not self.detail:
+            return Renderer(backend)
+        header = scene.header
+        return Renderer(backend, detail=RecordedDetail(Renderer(backend), header.drive, header.training, log))
 
 
 @holds_out
@@ -119,7 +130,7 @@ def evaluate_scene(
     log = aligned_log(header, open_log(log_path))
     drive = replayed_drive(header, log)
     plan = _plan(header, log.drive, options)
-    renderer = TimedRenderer(Renderer(load_backend(opened, {}, options.quality, options.device)), drive)
+    renderer = TimedRenderer(options.renderer(opened, {}, log), drive)
     report = Report(out, f"{header.name} against {log.drive.name}")
     metrics = evaluate(renderer, log, plan, report.add, lambda frames: progress(frames, log.drive.name))
     if (noise := disturbance_taken_back(header, log.drive)) is not None:
@@ -129,6 +140,7 @@ def evaluate_scene(
         "log": log.drive.name,
         "code": code_identity(),
         "quality": options.quality,
+        "detail": options.detail,
         "width": plan.width,
         "frames": list(plan.frames),
     }

@@ -33,8 +33,6 @@ from ..prepare.selection import beam_lidars, check_names, select_frames, spread_
 from ..registry import named_function
 from ..render.captures import render_sweep
 from ..render.code_identity import code_identity
-from ..render.renderer import Renderer
-from ..scenes.recipe import load_backend
 from ..scenes.scene import open_scene
 from ..sensors.frames import LidarFrame
 from ..world.captures import Capture
@@ -183,7 +181,7 @@ class ShiftRun:
 
     def of_scene(self, scene: Path, options: EvaluationOptions) -> ShiftRow:
         """Return what a trained scene renders."""
-        renderer = Renderer(load_backend(open_scene(scene), {}, options.quality, options.device))
+        renderer = options.renderer(open_scene(scene), {}, self.log)
 
         def sensors(path: Path) -> ShiftedSensors:
             drive = prepare_scenario(path, scene=scene).edited

@@ -10,13 +10,12 @@ import numpy as np
 
 from ..errors import ScenarioError
 from ..files import holds_out, write_file
+from ..formats.readers import open_log
 from ..json_file import json_bytes
 from ..prepare.scenario import prepare_scenario
 from ..prepare.scenario_plan import scenario_hash
 from ..prepare.selection import check_names, select_frames
 from ..render.code_identity import code_identity
-from ..render.renderer import Renderer
-from ..scenes.recipe import load_backend
 from .ground_truth import TrueImages, Truth, Version, require_known_log
 from .images import CameraRow, CaptionedImage, camera_row, sweep_tile, write_contact_sheet
 from .metrics import ImageArray
@@ -80,13 +79,13 @@ def evaluate_scenario(
     frames = drive.frames if options.frames is None else select_frames(options.frames, sorted(drive.time_s))
     cameras = options.cameras or tuple(drive.cameras)
     check_names("camera", cameras, drive.cameras)
-    known = require_known_log(log_path)
+    log, known = open_log(log_path), require_known_log(log_path)
     truth = known.truth(true, trained_frames(header), tuple(header.training.get("cameras", ())), width)
     truth.draw(scenario, frames, cameras)
     run = ScenarioRun(
         truth,
-        TimedRenderer(Renderer(load_backend(opened, others, options.quality, options.device)), drive),
-        TimedRenderer(Renderer(load_backend(opened, {}, options.quality, options.device)), rendered.recorded),
+        TimedRenderer(options.renderer(opened, others, log), drive),
+        TimedRenderer(options.renderer(opened, {}, log), rendered.recorded),
         width,
         frames,
         cameras,
@@ -105,6 +104,7 @@ def evaluate_scenario(
         "street": known.name,
         "code": code_identity(),
         "quality": options.quality,
+        "detail": options.detail,
         "width": width,
         "frames": list(frames),
         "trained_frames": list(trained_frames(header)),

@@ -21,6 +21,7 @@ from ..render.captures import CaptureStates
 from ..render.fixers import RecordedFixer, fixer_named
 from ..render.observed_space import Observing
 from ..render.quality import Quality, quality_named
+from ..render.recorded_detail import RecordedDetail
 from ..render.renderer import Renderer, reach_of
 from ..render.traced_planes import plane_fill, trace_planes
 from ..render.tracer import Backend
@@ -111,12 +112,17 @@ class TrainedMethod(RenderMethod):
         """Load the scene and those that actors were inserted from. Raises `SceneError`."""
         assert recipe.scene is not None
         backend = load_backend(recipe.scene, recipe.others, recipe.quality, recipe.device)
-        if not recipe.is_filled or not isinstance(backend, Observing):
+        if not isinstance(backend, Observing):
             return Renderer(backend, recipe.shadows)
-        fixer = None
+        fill = fixer = detail = None
+        if recipe.is_filled:
+            fill = plane_fill(backend)
         if fixer_named(recipe.fill) is not None:
             fixer = RecordedFixer(recipe.fill, open_log(recipe.log), recipe.scene.header.drive.cameras)
-        return Renderer(backend, recipe.shadows, fill=plane_fill(backend), fixer=fixer)
+        if recipe.detail:
+            header = recipe.scene.header
+            detail = RecordedDetail(Renderer(backend), header.drive, header.training, open_log(recipe.log))
+        return Renderer(backend, recipe.shadows, fill=fill, fixer=fixer, detail=detail)
 
     def steps(self, recipe: RendererRecipe) -> Iterator[Step]:
         """Trace and fill ground and façades, step by step, where these are not kept and asked for. Raises `SceneError`."""

@@ -44,6 +44,7 @@ class RenderOptions:
     scene: Path | str | None = None
     boxes: Path | None = None
     fill: str | None = None
+    detail: bool | None = None
 
 
 def plan_scenario(
@@ -127,6 +128,7 @@ def _settings(prepared: PreparedScenario, options: RenderOptions, method: Render
         draw=options.draw,
         contact_shadows=bool(outputs.contact_shadows),
         fill=_fill(prepared, options, method),
+        detail=_detail(prepared, options, method),
         max_error=tuple(map(str, options.max_error)),
         renderer=method.name,
     )
@@ -141,6 +143,20 @@ def _fill(prepared: PreparedScenario, options: RenderOptions, method: RenderMeth
         )
     fixer_named(fill)  # a name that is none is refused before anything runs
     return fill
+
+
+def _detail(prepared: PreparedScenario, options: RenderOptions, method: RenderMethod) -> bool:
+    """Return whether images get the detail of recorded ones. Raises `UnisimError`."""
+    detail = options.detail
+    if detail is None:
+        detail = bool((prepared.scenario.outputs or Outputs()).detail)
+    if detail and not method.trained:
+        raise UnisimError(
+            f"--detail: adds what renders of trained scenes lack, not to images of --renderer {method.name}"
+        )
+    if detail and not prepared.log_path.exists():
+        raise UnisimError(f"{prepared.log_path}: is not there; --detail needs the images that the scene was trained on")
+    return detail
 
 
 def _device(prepared: PreparedScenario, options: RenderOptions, method: RenderMethod) -> str:
@@ -182,6 +198,7 @@ def _recipe(
         code=code_identity()["sha256"],
         environment=environment(settings.device, scenes_of(scene, others)),
         fill=settings.fill,
+        detail=settings.detail,
     )
 
 

@@ -7,8 +7,9 @@ rendering adds it (Debevec et al., "Efficient view-dependent image-based renderi
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +18,11 @@ from ..data.images import resize_image
 from ..data.log import Log
 from ..data.own_vehicle import outlines_from_json
 from ..geometry import BoolArray, FloatArray, bilinear, invert_pose
-from ..model.scene_file import SceneHeader
 from ..sensors.camera import line_times
+from ..sensors.frames import CameraFrame
 from ..sensors.rays import exposure_window
-from ..world.drive import Actor, Camera
-from ..world.replay import DriveStates
+from ..world.drive import Actor, Camera, Drive
+from ..world.replay import DriveStates, WorldState
 from .confidence import TURN_M
 from .pending_image import Binding, PendingImage
 from .tracer import Array, Backend
@@ -36,6 +37,16 @@ TOLERANCE, TOLERANCE_M = 0.03, 0.05
 """Difference of distances of one surface: a part of the distance, and metres."""
 FAR_M = 150.0
 """Distance, metres, from which on surfaces of the scene mean little."""
+
+
+class PlainRenderer(Protocol):
+    """A renderer that adds nothing to what its backend's scene has."""
+
+    backend: Backend
+
+    def render(self, state: WorldState, sensor: Camera, time_s: float, passes: Sequence[str]) -> CameraFrame:
+        """See `Renderer.render`."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -63,10 +74,13 @@ class DetailView:
 
 
 class RecordedDetail:
-    """The detail of the images that a scene was trained on, which are rendered when an image first needs them."""
+    """The detail of the images of a log that a scene was trained on, which are rendered when an image first needs them.
 
-    def __init__(self, backend: Backend, header: SceneHeader, log: Log) -> None:
-        self.drive, self._log, training = header.drive, log, header.training
+    ``drive`` is that of the scene, and ``training`` what its header tells of its training.
+    """
+
+    def __init__(self, renderer: PlainRenderer, drive: Drive, training: Mapping[str, Any], log: Log) -> None:
+        self.drive, self._log = drive, log
         self._rows = {uid: row for row, uid in enumerate(sorted(self.drive.actors), 1)}
         self._outlines = outlines_from_json(training.get("own_vehicle"))
         self._width = training.get("width")
@@ -74,12 +88,14 @@ class RecordedDetail:
         self._shots = [
             (name, frame, self.drive.cameras[name].time_s[frame])
             for name in training.get("cameras", ())
-            if name in self.drive.cameras
+            if name in self.drive.cameras and name in log.drive.cameras
             for frame in sorted(frames & set(self.drive.cameras[name].time_s) & set(log.image_frames(name)))
         ]
-        self._poses = np.array([self.drive.cameras[n].world_from_camera.at(t) for n, _, t in self._shots]).reshape(-1, 4, 4)
-        self._states = DriveStates(self.drive, backend.parked)
-        self._backend = backend
+        self._poses = np.array([self.drive.cameras[n].world_from_camera.at(t) for n, _, t in self._shots]).reshape(
+            -1, 4, 4
+        )
+        self._states = DriveStates(self.drive, renderer.backend.parked)
+        self._renderer = renderer
         self._views: dict[int, DetailView] = {}
 
     def added(
@@ -101,7 +117,12 @@ class RecordedDetail:
         to = flat - pose[:3, 3]
         distance = np.linalg.norm(to, axis=1)
         some = np.flatnonzero(distance < FAR_M)
-        flat, number, to, late_s = flat[some], number[some], to[some] / distance[some, None], times_s.ravel()[some] - time_s
+        flat, number, to, late_s = (
+            flat[some],
+            number[some],
+            to[some] / distance[some, None],
+            times_s.ravel()[some] - time_s,
+        )
         total, weights = np.zeros((len(some), 3), np.float32), np.zeros((len(some), 1), np.float32)
         for shot in self._closest(pose):
             view = self._view(shot)
@@ -131,11 +152,17 @@ class RecordedDetail:
         return np.argsort(away + turned, kind="stable")[:REFERENCES].tolist()
 
     def _placed(
-        self, view: DetailView, points: FloatArray, rays: FloatArray, number: NDArray[np.int32],
-        own: Sequence[Actor | None], time_s: float, late_s: FloatArray,
+        self,
+        view: DetailView,
+        points: FloatArray,
+        rays: FloatArray,
+        number: NDArray[np.int32],
+        own: Sequence[Actor | None],
+        time_s: float,
+        late_s: FloatArray,
     ) -> Iterator[tuple[FloatArray, FloatArray, NDArray[np.int64], int]]:
-        """Yield places (M, 3) of points and unit rays (M, 3) to them, where they were as a view was taken; their numbers (M,), and
-        the row of their actor."""
+        """Yield where points and unit rays to them were as a view was taken (M, 3), their numbers (M,) and their actor's
+        row."""
         static = np.flatnonzero(number == 0)
         yield points[static], rays[static], static, 0
         for index, actor in enumerate(own, 1):
@@ -147,7 +174,9 @@ class RecordedDetail:
                 continue
             # rows are exposed one after the other, in the recorded image about as late as in this
             moments, row = np.unique(late_s[which], return_inverse=True)
-            moved = recorded.world_from_actor.at(view.time_s + moments) @ invert_pose(actor.world_from_actor.at(time_s + moments))
+            moved = recorded.world_from_actor.at(view.time_s + moments) @ invert_pose(
+                actor.world_from_actor.at(time_s + moments)
+            )
             turn = moved[row, :3, :3]
             places = np.einsum("nij,nj->ni", turn, points[which]) + moved[row, :3, 3]
             yield places, np.einsum("nij,nj->ni", turn, rays[which]), which, self._rows[recorded.uid]
@@ -162,23 +191,23 @@ class RecordedDetail:
 
     def _rendered(self, shot: int) -> DetailView:
         """Return a recorded image's detail."""
-        from .renderer import Renderer
-
         name, frame, time_s = self._shots[shot]
         recorded = self.drive.cameras[name]
         camera = recorded.resized(self._width) if self._width else recorded
         state = self._states.state(*exposure_window(camera, time_s))
-        rendered = Renderer(self._backend).render(state, camera, time_s, ("rgb", "depth", "instance"))
+        rendered = self._renderer.render(state, camera, time_s, ("rgb", "depth", "instance"))
         assert rendered.depth_m is not None and rendered.instance is not None
         image = resize_image(self._log.image(name, frame), camera.model).astype(np.float32) / 255
-        gain = Binding(self._backend).gain(name, time_s)
+        gain = Binding(self._renderer.backend).gain(name, time_s)
         detail = (image - rendered.rgb) / (1 if gain is None else gain)
         table = np.array([0, *(self._rows.get(uid, -1) for uid in rendered.instances)], np.int16)
         actor = table[rendered.instance]
         outline = self._outlines.get(name)
         if outline is not None:
             rows, height = outline
-            of_columns = np.interp(np.arange(camera.model.width) / camera.model.width, np.arange(len(rows)) / len(rows), rows)
+            of_columns = np.interp(
+                np.arange(camera.model.width) / camera.model.width, np.arange(len(rows)) / len(rows), rows
+            )
             below = (np.arange(camera.model.height)[:, None] + 0.5) / camera.model.height > of_columns / height
             actor = np.where(below, np.int16(-1), actor)
         v = np.arange(camera.model.height) + 0.5

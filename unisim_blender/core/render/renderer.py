@@ -46,6 +46,7 @@ from .frame_weather import FrameWeather, put_in_weather, sweep_in_weather
 from .lattice import NEAR_BOXES, Region, SparseImage, Tile, aligned, fill_passes, progressive_strides
 from .pending_image import FINISHING_MAPS, Binding, PendingImage, colours_at, ground_of
 from .plane_fill import PlaneFill
+from .recorded_detail import RecordedDetail
 from .sun_shadow import sun_shadows
 from .tracer import NEAR_M, Array, Backend, Maps, Tracer
 from .visibility import Reach

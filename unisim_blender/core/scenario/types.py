@@ -83,6 +83,7 @@ class Outputs:
     quality: Annotated[str, SchemaOf({"enum": ["fast", "balanced", "fine", "reference"]})] | None = None
     contact_shadows: bool | None = None
     fill: str | None = None
+    detail: bool | None = None
 
 
 @dataclass(frozen=True)

@@ -159,6 +159,7 @@ class RendererRecipe:
     code: str
     environment: Mapping[str, str]
     fill: str = "none"
+    detail: bool = False
 
     @property
     def is_filled(self) -> bool:

@@ -45,6 +45,8 @@ class SequenceSettings:
     renderer: str = "neural"
     fill: str = "none"
     """What is shown where nobody saw: one of `frames.FILLS`, or a fixer (`render.fixers`)."""
+    detail: bool = False
+    """Whether images get the detail of recorded ones near by (`render.recorded_detail`)."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ class RenderPlan:
 
 
 CAMERA_FORMATS, LIDAR_FORMATS = ("png", "exr"), ("ply", "npz")
-NOT_OF_CAMERAS, NOT_OF_LIDARS = ("draw",), ("passes", "width", "contact_shadows")
+NOT_OF_CAMERAS, NOT_OF_LIDARS = ("draw",), ("passes", "width", "contact_shadows", "detail")
 """Settings that change no image, and no sweep."""
 
 

@@ -31,6 +31,7 @@ from ..render.lattice import Region
 from ..render.observed_space import ObservedSpace, Observing, cache_space, cached_space, observe_space
 from ..render.plane_fill import PlaneFill
 from ..render.recorded_depth import trace_recorded
+from ..render.recorded_detail import RecordedDetail
 from ..render.renderer import Renderer
 from ..render.traced_planes import trace_planes
 from ..render.tracers.surfels.build import Step, preliminary_surfels
@@ -50,7 +51,7 @@ BAND_PIXELS = 32768
 """Pixels of a band, between which a request can be cancelled: 0.1 s on two cores."""
 PREVIEWED = 0.1
 """A smaller part of an image has no previews."""
-RENDERED_BY = ("sensor", "time_s", "log", "scene", "quality", "device", "shadows", "fill", "clip", "passes")
+RENDERED_BY = ("sensor", "time_s", "log", "scene", "quality", "device", "shadows", "fill", "detail", "clip", "passes")
 """Members of a request that an image depends on beside its state. Scenes of actors are members of the state."""
 PRELIMINARY_REACH_S = 0.25
 """Time, seconds, about that of preliminary surfels in which they are rendered."""
@@ -72,6 +73,7 @@ class Jobs:
         self.spaces: dict[Scene, ObservedSpace] = {}
         self.depths: dict[Scene, RecordedDepth] = {}
         self.fills: dict[Scene, PlaneFill] = {}
+        self.details: dict[tuple[Scene, str, str], RecordedDetail] = {}
         self.build: Iterator[Step | SurfelScene] | None = None
         self.first_build: tuple[float, Iterator[Step | SurfelScene]] | None = None
         self.rendered: dict[int, RenderedState] = {}
@@ -86,7 +88,7 @@ class Jobs:
         """Render an image, in bands of rows from the top.
 
         The request has the members of `capture_request`, ``passes``, ``quality``, ``device``,
-        ``shadows`` and ``fill``, and optionally:
+        ``shadows``, ``fill`` and ``detail``, and optionally:
 
         - ``rows``, ``columns``: (first, past the last) of the region to render; the whole image without them.
         - ``update``: an image is there that lacks nothing but the ``unfinished`` regions (left, top, right, bottom) of
@@ -186,17 +188,29 @@ class Jobs:
                     fixer = RecordedFixer(how, open_log(_text(request, "log")), scene.header.drive.cameras)
             if (fixer or "confidence" in request.get("passes", ())) and isinstance(backend, Observing):
                 depth = yield from self._recorded_depth(backend, scene)
+            detail = None
+            if request.get("detail") and isinstance(backend, Observing):
+                key = scene, quality, device
+                if key not in self.details:
+                    self.details = {key: self._detail(backend, scene, request)}
+                detail = self.details[key]
             clip = bool(request.get("clip"))
             if (clip or "unsupported" in request.get("passes", ())) and isinstance(backend, Observing):
                 space = yield from self._space(backend, scene)
-                return Renderer(backend.within(space, clip), shadows, backend, depth, fill, fixer)
-            return Renderer(backend, shadows, recorded_depth=depth, fill=fill, fixer=fixer)
+                return Renderer(backend.within(space, clip), shadows, backend, depth, fill, fixer, detail)
+            return Renderer(backend, shadows, recorded_depth=depth, fill=fill, fixer=fixer, detail=detail)
         else:
             log = self._log(request)
             first = request.get("preliminary") and self.surfels is None
             surfels = yield from self._first_surfels(request, log) if first else self._surfels(log)
             backend = UNTRAINED_DEFAULT.backend(surfels, log, quality=quality)
         return Renderer(backend, shadows)
+
+    @staticmethod
+    def _detail(backend: Observing, scene: Scene, request: WorkerMessage) -> RecordedDetail:
+        """Return the detail of a request's log."""
+        header = scene.header
+        return RecordedDetail(Renderer(backend), header.drive, header.training, open_log(_text(request, "log")))
 
     def _recorded_depth(self, backend: Observing, scene: Scene) -> Generator[WorkerMessage, None, RecordedDepth]:
         """Return the distances of a trained scene's recording; yields events of progress while they are traced."""

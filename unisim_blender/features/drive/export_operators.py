@@ -79,6 +79,7 @@ def _settings(scene: bpy.types.Scene) -> tuple[FrameRange | None, Outputs]:
         quality=settings.quality,
         contact_shadows=settings.contact_shadows or None,
         fill=settings.fill if settings.fill != "none" else None,
+        detail=settings.detail or None,
     )
 
 

@@ -207,6 +207,10 @@ class UniSimScene(bpy.types.PropertyGroup):
         description="Function that draws anew what no recorded image shows, after ground is filled: its name, or "
         "module:function",
     )
+    detail: BoolProperty(
+        name="Recorded Detail",
+        description="Images of a trained scene get the fine detail that recorded images near by show; the log must have them",
+    )
     show_ways: BoolProperty(
         name="Trajectories",
         description="Draw trajectories of the selected actors with their speed, and the recorded trajectories",

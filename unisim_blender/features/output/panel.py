@@ -69,6 +69,7 @@ class UNISIM_PT_passes(DrivePanel, bpy.types.Panel):
         column.prop(about, "contact_shadows")
         column.prop(about, "fill_ground")
         column.prop(about, "fixer")
+        column.prop(about, "detail")
         column.prop(about, "clip_render")
 
 
@@ -121,3 +122,4 @@ class UNISIM_PT_render(bpy.types.Panel):
         layout.prop(context.scene.unisim, "quality")
         layout.prop(context.scene.unisim, "contact_shadows")
         layout.prop(context.scene.unisim, "fill_ground")
+        layout.prop(context.scene.unisim, "detail")

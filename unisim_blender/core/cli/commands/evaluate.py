@@ -37,6 +37,7 @@ LEFT_TO_THE_FILE = ("by_sensor", "pixels", "chamfer_squared_m2", "depth_median_s
 @click.option("--detector", metavar="MODULE:FUNCTION", help="With --shifts: returns the detector.")
 @click.option("--beside", metavar="A,B", help="With --shifts: surfel, warp, or folders of scenes, measured too.")
 @click.option("--quality", type=QUALITY, default="balanced", show_default=True, help="Samples a ray.")
+@click.option("--detail", is_flag=True, help="Add the detail of those images of LOG that the scene was trained on.")
 @click.option("--lpips", "lpips_weights", metavar="FILE", type=PATH, help="Weights of LPIPS, to measure it.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda or mps.")
 def command(

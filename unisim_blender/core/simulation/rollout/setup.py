@@ -214,6 +214,7 @@ def open_scenario(
         quality=plan.settings.quality,
         contact_shadows=own.contact_shadows,
         fill=plan.settings.fill if plan.settings.fill != "none" else None,
+        detail=plan.settings.detail or None,
     )
     formats = tuple(name for name in FRAME_FORMATS if name in (outputs.formats or ()))
     plan = replace(plan, settings=replace(plan.settings, formats=formats))
