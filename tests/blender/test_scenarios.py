@@ -73,6 +73,7 @@ STATED: dict[str, dict[str, Any]] = {
         "description": "A drive",
         "outputs": {"passes": ["rgb"], "formats": ["png"], "quality": "fine", "fill": "texture"},
     },
+    "detail": {"outputs": {"passes": ["rgb"], "quality": "fine", "detail": True}},
     "a fixer": {"outputs": {"passes": ["rgb"], "quality": "fine", "fill": "our_fixers:fix"}},
 }
 

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from drive_frames import DriveFrames
 from numpy.typing import NDArray
+from rendered_folder import contents
+from written_street import write_recipe
 
 from unisim_blender.core import native
+from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.geometry import FloatArray, invert_pose, transform_points
 from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.recorded_detail import PART, RecordedDetail
@@ -20,6 +26,7 @@ from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.frames import CameraFrame
 from unisim_blender.core.world.drive import Camera, Drive
 
+SAMPLE = Path(__file__).parents[3] / "sample" / "scene"
 CAMERA, WIDTH, FRAME, EDGE_M = "front_camera", 240, 5, 1.5
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="the kernels were not built")
@@ -117,6 +124,37 @@ def test_what_an_edit_removed_leaves_no_detail_behind(backend: CompiledBackend, 
     hidden = np.isin(with_all.instance, [n for n, uid in enumerate(with_all.instances, 1) if uid in gone])
     changed = (plain.rgb != whole.rgb).any(-1)
     assert hidden.sum() > 300 and changed[hidden].mean() < 0.5 * changed[~hidden].mean()
+
+
+def test_sequences_have_detail_as_asked_and_say_so(tmp_path: Path) -> None:
+    log = write_recipe(tmp_path / "log", 60, frames=20, width=96, height=54, seed=0)
+    scenario = tmp_path / "scenario.json"
+    document = {
+        "format": "unisim-scenario", "version": 1, "name": "detail", "log": str(log), "scene": str(SAMPLE), "edits": [],
+        "frames": [5], "outputs": {"detail": True, "formats": ["png", "ply"], "passes": ["rgb"]},
+    }  # fmt: skip
+    scenario.write_text(json.dumps(document))
+
+    def files(out: str, *more: str) -> dict[str, bytes]:
+        arguments = ["render", str(scenario), "--out", str(tmp_path / out), "--width", "120", "--jobs", "1", *more]
+        result = CliRunner().invoke(unisim, arguments, catch_exceptions=False)
+        assert result.exit_code == 0, result.output
+        return contents(tmp_path / out)
+
+    asked, plain = files("asked"), files("plain", "--no-detail")
+    assert [json.loads(each["manifest.json"])["settings"]["detail"] for each in (asked, plain)] == [True, False]
+    for name in asked:
+        if name.startswith(("camera", "lidar")):
+            assert (asked[name] == plain[name]) == name.startswith("lidar"), name
+
+    def refusal(*more: str) -> str:
+        refused = CliRunner().invoke(unisim, ["render", str(scenario), "--out", str(tmp_path / "no"), *more])
+        assert refused.exit_code != 0 and not (tmp_path / "no").exists()
+        return str(refused.exception)
+
+    assert "--detail: adds what renders of trained scenes lack" in refusal("--renderer", "surfel")
+    scenario.write_text(json.dumps({**document, "log": "gone"}))
+    assert "gone: is not there; --detail needs the images that the scene was trained on" in refusal()
 
 
 def test_a_moved_actor_takes_its_detail_along(backend: CompiledBackend, log: PatternedLog) -> None:

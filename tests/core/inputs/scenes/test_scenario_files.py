@@ -57,7 +57,7 @@ SCENARIO: dict[str, Any] = {
         {"type": "ego", "trajectory": KEYS},
     ],
     "outputs": {"passes": ["rgb", "depth"], "formats": ["png", "npz"], "width": 64, "quality": "fast",
-    "contact_shadows": True, "fill": "texture"},
+    "contact_shadows": True, "fill": "texture", "detail": True},
 }  # fmt: skip
 
 
