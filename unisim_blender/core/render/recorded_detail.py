@@ -21,14 +21,16 @@ from ..geometry import BoolArray, FloatArray, bilinear, invert_pose
 from ..sensors.camera import line_times
 from ..sensors.frames import CameraFrame
 from ..sensors.rays import exposure_window
+from ..world.classes import motion_of
 from ..world.drive import Actor, Camera, Drive
 from ..world.replay import DriveStates, WorldState
 from .confidence import TURN_M
 from .pending_image import Binding, PendingImage
 from .tracer import Array, Backend
 
-REFERENCES, MAX_READ_VIEWS = 4, 64
-"""Number of recorded images that an image gets detail of, and of those that stay in memory."""
+REFERENCES, MAX_PIXELS = 4, 2**24
+"""Number of recorded images that an image gets detail of, and largest number of pixels of all that stay in memory, of 12 bytes
+each."""
 PART = 0.6
 """Part of a difference that is added: poses and distances are not exact, and half of it is right in the mean."""
 ANGLE_RAD = 0.35
@@ -170,7 +172,8 @@ class RecordedDetail:
             which = np.flatnonzero(number == index)
             if actor is None or recorded is None or actor.is_scaled or not len(which):
                 continue
-            if not recorded.present(view.time_s):
+            # limbs move from image to image
+            if motion_of(recorded.label) == "deforming" or not recorded.present(view.time_s):
                 continue
             # rows are exposed one after the other, in the recorded image about as late as in this
             moments, row = np.unique(late_s[which], return_inverse=True)
@@ -185,7 +188,7 @@ class RecordedDetail:
         """Return a recorded image's detail, which stays in memory for a while."""
         view = self._views.pop(shot, None) or self._rendered(shot)
         self._views[shot] = view
-        if len(self._views) > MAX_READ_VIEWS:
+        while len(self._views) > REFERENCES and sum(each.depth_m.size for each in self._views.values()) > MAX_PIXELS:
             del self._views[next(iter(self._views))]
         return view
 
