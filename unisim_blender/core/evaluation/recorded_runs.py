@@ -18,10 +18,10 @@ from ..formats.readers import open_log
 from ..json_file import json_bytes
 from ..model.scene_file import SceneHeader
 from ..output.frame_files import png_bytes
+from ..prepare.renderers import detail_of
 from ..prepare.replay import aligned_log, replayed_drive
 from ..prepare.selection import check_names, select_frames
 from ..render.code_identity import code_identity
-from ..render.recorded_detail import RecordedDetail
 from ..render.renderer import Renderer
 from ..scenes.recipe import load_backend
 from ..scenes.scene import Scene, open_scene
@@ -111,10 +111,7 @@ class EvaluationOptions:
     def renderer(self, scene: Scene, others: Mapping[str, Scene], log: Log) -> Renderer:
         """Return the renderer of a trained scene, with actors of others, and with the detail of a log's images if asked for."""
         backend = load_backend(scene, others, self.quality, self.device)
-        if not self.detail:
-            return Renderer(backend)
-        header = scene.header
-        return Renderer(backend, detail=RecordedDetail(Renderer(backend), header.drive, header.training, log))
+        return Renderer(backend, detail=detail_of(backend, scene, log) if self.detail else None)
 
 
 @holds_out

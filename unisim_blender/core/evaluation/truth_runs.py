@@ -82,10 +82,12 @@ def evaluate_scenario(
     log, known = open_log(log_path), require_known_log(log_path)
     truth = known.truth(true, trained_frames(header), tuple(header.training.get("cameras", ())), width)
     truth.draw(scenario, frames, cameras)
+    edited, replay = options.renderer(opened, others, log), options.renderer(opened, {}, log)
+    replay.detail = edited.detail  # its references are rendered once
     run = ScenarioRun(
         truth,
-        TimedRenderer(options.renderer(opened, others, log), drive),
-        TimedRenderer(options.renderer(opened, {}, log), rendered.recorded),
+        TimedRenderer(edited, drive),
+        TimedRenderer(replay, rendered.recorded),
         width,
         frames,
         cameras,

@@ -120,8 +120,7 @@ class TrainedMethod(RenderMethod):
         if fixer_named(recipe.fill) is not None:
             fixer = RecordedFixer(recipe.fill, open_log(recipe.log), recipe.scene.header.drive.cameras)
         if recipe.detail:
-            header = recipe.scene.header
-            detail = RecordedDetail(Renderer(backend), header.drive, header.training, open_log(recipe.log))
+            detail = detail_of(backend, recipe.scene, open_log(recipe.log))
         return Renderer(backend, recipe.shadows, fill=fill, fixer=fixer, detail=detail)
 
     def steps(self, recipe: RendererRecipe) -> Iterator[Step]:
@@ -142,6 +141,11 @@ class TrainedMethod(RenderMethod):
         assert recipe.scene is not None
         reach = reach_of(recipe.shadows or recipe.is_filled)
         return CaptureStates(DriveStates(drive, recipe.scene.header.parked), reach)
+
+
+def detail_of(backend: Backend, scene: Scene, log: Log) -> RecordedDetail:
+    """Return the detail of a log's images that a trained scene, which the backend renders, lacks."""
+    return RecordedDetail(Renderer(backend), scene.header.drive, scene.header.training, log)
 
 
 for method in (SURFEL, WARP, *(TrainedMethod(name) for name in methods())):

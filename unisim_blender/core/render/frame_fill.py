@@ -19,7 +19,7 @@ from ..world.drive import Actor, Box, Camera, Lidar
 from ..world.replay import WorldState
 from .confidence import RecordedDepth
 from .contact_shadow import shaded
-from .pending_image import Binding, PendingImage
+from .pending_image import Binding, PendingImage, per_pixel
 from .plane_fill import THROUGH_PART, PlaneFill, SensorKind
 from .tracer import Array, Maps, Tracer
 
@@ -137,8 +137,7 @@ def filled_image(
     if len(through.rays):
         cells = np.full(len(maps["depth"]), -1)
         cells[through.rays] = np.arange(len(through.rays))
-        wide = np.repeat(np.repeat(cells.reshape(-(-ground.shape[0] // up), -1), up, 0), up, 1)
-        which = wide[: ground.shape[0], : ground.shape[1]].reshape(-1)
+        which = per_pixel(cells.reshape(-(-ground.shape[0] // up), -1), up, ground.shape).reshape(-1)
         beside, whole = which[some] < 0, np.flatnonzero(which >= 0)
         some, share = (
             np.r_[some[beside], whole],

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ..sensors.camera import camera_rays
 from ..sensors.rays import Rays
-from .pending_image import Binding, PendingImage
+from .pending_image import Binding, PendingImage, per_pixel
 from .tracer import Maps
 
 
@@ -17,7 +17,7 @@ def with_lamps(
     """Return the image (H, W, 3) of rays (h, w) with the lamps of actors where these are seen. All else keeps its bits."""
     camera, time_s, up, image = pending.camera, pending.time_s, pending.tracer.upsample, image.copy()
     instance = maps["instance"].reshape(rays.time_s.shape)
-    instance = np.repeat(np.repeat(instance, up, 0), up, 1)[: image.shape[0], : image.shape[1]]
+    instance = per_pixel(instance, up, image.shape)
     for number, actor in pending.lit.items():
         y, x = np.nonzero(instance == number)
         if not len(y):

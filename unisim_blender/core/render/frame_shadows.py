@@ -14,7 +14,7 @@ from ..meshes.exposure import PROBE_M
 from ..sensors.frames import RenderStats
 from ..sensors.rays import Rays
 from .contact_shadow import dimmed, shaded
-from .pending_image import Binding, PendingImage, colours_at
+from .pending_image import Binding, PendingImage, colours_at, per_pixel
 from .sun_shadow import FULL_SUN, GroundBeside, Relit, SunPatch, SunShadows, around
 from .tracer import NEAR_M, Backend, Maps, Tracer
 
@@ -43,7 +43,7 @@ class FrameShadows:
         if pending.shadows is None:
             return image
         light = self.sunlight(pending, rays.flat(), depth.reshape(-1), maps["instance"], rgb).reshape(shape)
-        light = np.repeat(np.repeat(light, up, 0), up, 1)[: image.shape[0], : image.shape[1]]
+        light = per_pixel(light, up, image.shape)
         return dimmed(image, light)
 
     def sunlight(

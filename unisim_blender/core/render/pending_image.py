@@ -166,5 +166,9 @@ def ground_of(pending: PendingImage, shape: tuple[int, ...], rays: Rays, maps: M
     up, depth = pending.tracer.upsample, maps["depth"].reshape(rays.time_s.shape).astype(np.float64)
     points = rays.origins + rays.directions * np.where(np.isfinite(depth), depth, 1e6)[..., None]
     ground = (maps["instance"].reshape(rays.time_s.shape) == 0) & np.isfinite(depth)
-    points, ground = (np.repeat(np.repeat(x, up, 0), up, 1)[: shape[0], : shape[1]] for x in (points, ground))
-    return points, ground
+    return per_pixel(points, up, shape), per_pixel(ground, up, shape)
+
+
+def per_pixel(values: NDArray[Any], up: int, shape: tuple[int, ...]) -> NDArray[Any]:
+    """Return the values (H, W, ...) of an image's pixels, of ``shape``, from those (h, w, ...) of cells of ``up`` x ``up``."""
+    return np.repeat(np.repeat(values, up, 0), up, 1)[: shape[0], : shape[1]]

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from ..data.images import resize_image
 from ..data.log import Log
-from ..data.own_vehicle import outlines_from_json
+from ..data.own_vehicle import outlines_from_json, shows_scene
 from ..geometry import BoolArray, FloatArray, bilinear, invert_pose
-from ..sensors.camera import line_times
+from ..sensors.camera import line_times, pixel_grid
 from ..sensors.frames import CameraFrame
 from ..sensors.rays import exposure_window
 from ..world.classes import motion_of
@@ -32,7 +32,7 @@ REFERENCES, MAX_PIXELS = 4, 2**24
 """Number of recorded images that an image gets detail of, and largest number of pixels of all that stay in memory, of 12 bytes
 each."""
 PART = 0.6
-"""Part of a difference that is added: poses and distances are not exact, and half of it is right in the mean."""
+"""Part of a difference that is added: poses and distances are not exact, so some of it would land beside its place."""
 ANGLE_RAD = 0.35
 """Angle between the rays of both images over which the part falls by a factor e."""
 TOLERANCE, TOLERANCE_M = 0.03, 0.05
@@ -207,12 +207,9 @@ class RecordedDetail:
         actor = table[rendered.instance]
         outline = self._outlines.get(name)
         if outline is not None:
-            rows, height = outline
-            of_columns = np.interp(
-                np.arange(camera.model.width) / camera.model.width, np.arange(len(rows)) / len(rows), rows
-            )
-            below = (np.arange(camera.model.height)[:, None] + 0.5) / camera.model.height > of_columns / height
-            actor = np.where(below, np.int16(-1), actor)
+            model = camera.model
+            scene = shows_scene(*outline, *pixel_grid(model), (model.width, model.height))
+            actor = np.where(scene, actor, np.int16(-1))
         v = np.arange(camera.model.height) + 0.5
         poses = camera.world_from_camera.at(line_times(camera, time_s, v))
         return DetailView(camera, time_s, detail.astype(np.float16), rendered.depth_m, actor, poses)

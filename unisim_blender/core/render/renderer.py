@@ -44,7 +44,7 @@ from .frame_lamps import with_lamps
 from .frame_shadows import FrameShadows
 from .frame_weather import FrameWeather, put_in_weather, sweep_in_weather
 from .lattice import NEAR_BOXES, Region, SparseImage, Tile, aligned, fill_passes, progressive_strides
-from .pending_image import FINISHING_MAPS, Binding, PendingImage, colours_at, ground_of
+from .pending_image import FINISHING_MAPS, Binding, PendingImage, colours_at, ground_of, per_pixel
 from .plane_fill import PlaneFill
 from .recorded_detail import RecordedDetail
 from .sun_shadow import sun_shadows
@@ -492,20 +492,18 @@ class Renderer:
         up = pending.tracer.upsample
         if pending.is_drawn_on:
             assert rays is not None
-            if pending.is_detailed and self.detail is not None:
-                points, _ = ground_of(pending, image.shape, rays, maps)
+            state, own = pending.state, self._own(pending.state)
+            points, ground = ground_of(pending, image.shape, rays, maps)
+            if self.detail is not None:
                 times_s, instance = (
-                    np.repeat(np.repeat(x.reshape(rays.time_s.shape), up, 0), up, 1)[: image.shape[0], : image.shape[1]]
-                    for x in (rays.time_s, maps["instance"])
+                    per_pixel(x.reshape(rays.time_s.shape), up, image.shape) for x in (rays.time_s, maps["instance"])
                 )
-                own = self._own(pending.state)
                 image = self.detail.added(pending, self._bound, image, points, times_s, instance, own)
             if pending.fill is not None:
-                state, own = pending.state, self._own(pending.state)
                 standing, recorded = self._behind_boxes(state)
                 through, maps = seen_through(pending.fill, Camera, standing, recorded, state, own, rays.flat(), maps)
-            points, ground = ground_of(pending, image.shape, rays, maps)
-            if pending.fill is not None:
+                if len(through.rays):
+                    points, ground = ground_of(pending, image.shape, rays, maps)
                 image, maps, filled = filled_image(
                     pending, pending.fill, self._bound, image, points, ground, maps, through
                 )

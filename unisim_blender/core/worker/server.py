@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ..data.log import Log
 from ..errors import UnisimError, in_a_line, remedy_of, short, what_is_missing
 from ..formats.readers import drive_in, open_log
-from ..prepare.renderers import UNTRAINED_DEFAULT
+from ..prepare.renderers import UNTRAINED_DEFAULT, detail_of
 from ..render.changes import RenderedState, changed_regions, joined_where_cheaper
 from ..render.confidence import RecordedDepth
 from ..render.fixers import RecordedFixer, fixer_named
@@ -73,7 +73,7 @@ class Jobs:
         self.spaces: dict[Scene, ObservedSpace] = {}
         self.depths: dict[Scene, RecordedDepth] = {}
         self.fills: dict[Scene, PlaneFill] = {}
-        self.details: dict[tuple[Scene, str, str], RecordedDetail] = {}
+        self.details: dict[tuple[Scene, str, str, str], RecordedDetail] = {}
         self.build: Iterator[Step | SurfelScene] | None = None
         self.first_build: tuple[float, Iterator[Step | SurfelScene]] | None = None
         self.rendered: dict[int, RenderedState] = {}
@@ -190,9 +190,10 @@ class Jobs:
                 depth = yield from self._recorded_depth(backend, scene)
             detail = None
             if request.get("detail") and isinstance(backend, Observing):
-                key = scene, quality, device
+                path = _text(request, "log")
+                key = scene, path, quality, device
                 if key not in self.details:
-                    self.details = {key: self._detail(backend, scene, request)}
+                    self.details = {key: detail_of(backend, scene, open_log(path))}
                 detail = self.details[key]
             clip = bool(request.get("clip"))
             if (clip or "unsupported" in request.get("passes", ())) and isinstance(backend, Observing):
@@ -205,12 +206,6 @@ class Jobs:
             surfels = yield from self._first_surfels(request, log) if first else self._surfels(log)
             backend = UNTRAINED_DEFAULT.backend(surfels, log, quality=quality)
         return Renderer(backend, shadows)
-
-    @staticmethod
-    def _detail(backend: Observing, scene: Scene, request: WorkerMessage) -> RecordedDetail:
-        """Return the detail of a request's log."""
-        header = scene.header
-        return RecordedDetail(Renderer(backend), header.drive, header.training, open_log(_text(request, "log")))
 
     def _recorded_depth(self, backend: Observing, scene: Scene) -> Generator[WorkerMessage, None, RecordedDepth]:
         """Return the distances of a trained scene's recording; yields events of progress while they are traced."""
