@@ -17,6 +17,7 @@ from written_street import write_recipe
 
 from unisim_blender.core import native
 from unisim_blender.core.cli.main import unisim
+from unisim_blender.core.errors import LogError
 from unisim_blender.core.geometry import FloatArray, invert_pose, transform_points
 from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.recorded_detail import PART, RecordedDetail
@@ -54,6 +55,7 @@ class PatternedLog:
 
     def __init__(self, backend: CompiledBackend) -> None:
         self.drive = backend.observed[0].drive
+        self.path = Path("patterned")
         self._frames, self.asked = DriveFrames(Renderer(backend), self.drive), list[int]()
 
     def image_frames(self, name: str) -> list[int]:
@@ -72,9 +74,9 @@ def log(backend: CompiledBackend) -> PatternedLog:
     return PatternedLog(backend)
 
 
-def detail_of(backend: CompiledBackend, log: Any) -> RecordedDetail:
+def detail_of(backend: CompiledBackend, log: Any, width: int | None = WIDTH) -> RecordedDetail:
     header = backend.observed[0]
-    training = {**header.training, "width": WIDTH, "frames": [4, 6], "cameras": [CAMERA]}
+    training = {**header.training, "width": width, "frames": [4, 6], "cameras": [CAMERA]}
     return RecordedDetail(Renderer(backend), header.drive, training, log)
 
 
@@ -109,6 +111,24 @@ def test_recorded_images_get_their_own_detail(backend: CompiledBackend, log: Pat
     recorded = log.image(CAMERA, 4).astype(np.float32) / 255
     before, after = (np.abs(each.camera(CAMERA, 4, ("rgb",), WIDTH).rgb - recorded).mean() for each in (plain, frames))
     assert after < (1.15 - PART) * before
+
+
+def test_images_larger_than_the_trainings_take_the_detail_that_was_recorded(
+    backend: CompiledBackend, log: PatternedLog
+) -> None:
+    def rendered(trained: int | None, width: int) -> NDArray[np.float32]:
+        frames = DriveFrames(Renderer(backend, detail=detail_of(backend, log, trained)), log.drive)
+        return frames.camera(CAMERA, FRAME, ("rgb",), width).rgb
+
+    np.testing.assert_array_equal(rendered(WIDTH // 2, WIDTH), rendered(None, WIDTH))
+    assert (rendered(WIDTH // 2, WIDTH // 2) != rendered(None, WIDTH // 2)).any()
+
+
+def test_a_log_without_the_trainings_images_is_refused(backend: CompiledBackend, log: PatternedLog) -> None:
+    header = backend.observed[0]
+    training = {**header.training, "frames": [997], "cameras": [CAMERA]}
+    with pytest.raises(LogError, match=f"{log.path}: has none of the images"):
+        RecordedDetail(Renderer(backend), header.drive, training, log)
 
 
 def test_what_an_edit_removed_leaves_no_detail_behind(backend: CompiledBackend, log: PatternedLog) -> None:
@@ -153,6 +173,9 @@ def test_sequences_have_detail_as_asked_and_say_so(tmp_path: Path) -> None:
         return str(refused.exception)
 
     assert "--detail: adds what renders of trained scenes lack" in refusal("--renderer", "surfel")
+    for frame in range(0, 20, 2):
+        (log / "camera" / CAMERA / f"{frame:02d}.jpg").unlink()
+    assert f"{log}: has none of the images that the scene was trained on" in refusal()
     scenario.write_text(json.dumps({**document, "log": "gone"}))
     assert "gone: is not there; --detail needs the images that the scene was trained on" in refusal()
 

@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ScenarioError, UnisimError
+from ..formats.readers import open_log
 from ..render.code_identity import code_identity
 from ..render.fixers import fixer_digest, fixer_named
+from ..render.recorded_detail import training_images
 from ..scenario import scenario_to_json
 from ..scenario.times import carried_outside, parse_times, scenario_times_us, with_times
 from ..scenario.types import FRAME_FORMATS, SEQUENCE_FORMATS, Outputs, Scenario
@@ -156,6 +158,9 @@ def _detail(prepared: PreparedScenario, options: RenderOptions, method: RenderMe
         )
     if detail and not prepared.log_path.exists():
         raise UnisimError(f"{prepared.log_path}: is not there; --detail needs the images that the scene was trained on")
+    if detail and prepared.scene is not None:
+        header = prepared.scene.header
+        training_images(header.drive, header.training, open_log(prepared.log_path))
     return detail
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..data.images import resize_image
 from ..data.log import Log
 from ..data.own_vehicle import outlines_from_json, shows_scene
+from ..errors import LogError
 from ..geometry import BoolArray, FloatArray, bilinear, invert_pose
 from ..sensors.camera import line_times, pixel_grid
 from ..sensors.frames import CameraFrame
@@ -75,10 +76,25 @@ class DetailView:
         return u, v, inside, np.linalg.norm(away, axis=1)
 
 
+def training_images(drive: Drive, training: Mapping[str, Any], log: Log) -> list[tuple[str, int, float]]:
+    """Return camera, frame and time of the images of a log that a scene was trained on. ``drive`` is that of the scene, and
+    ``training`` what its header tells of its training. Raises `LogError` where the log has none of them."""
+    frames = set(training.get("frames", ()))
+    shots = [
+        (name, frame, drive.cameras[name].time_s[frame])
+        for name in training.get("cameras", ())
+        if name in drive.cameras and name in log.drive.cameras
+        for frame in sorted(frames & set(drive.cameras[name].time_s) & set(log.image_frames(name)))
+    ]
+    if not shots:
+        raise LogError(f"{log.path}: has none of the images that the scene was trained on; detail is made of these")
+    return shots
+
+
 class RecordedDetail:
     """The detail of the images of a log that a scene was trained on, which are rendered when an image first needs them.
 
-    ``drive`` is that of the scene, and ``training`` what its header tells of its training.
+    See `training_images` for its arguments and errors.
     """
 
     def __init__(self, renderer: PlainRenderer, drive: Drive, training: Mapping[str, Any], log: Log) -> None:
@@ -86,19 +102,11 @@ class RecordedDetail:
         self._rows = {uid: row for row, uid in enumerate(sorted(self.drive.actors), 1)}
         self._outlines = outlines_from_json(training.get("own_vehicle"))
         self._width = training.get("width")
-        frames = set(training.get("frames", ()))
-        self._shots = [
-            (name, frame, self.drive.cameras[name].time_s[frame])
-            for name in training.get("cameras", ())
-            if name in self.drive.cameras and name in log.drive.cameras
-            for frame in sorted(frames & set(self.drive.cameras[name].time_s) & set(log.image_frames(name)))
-        ]
-        self._poses = np.array([self.drive.cameras[n].world_from_camera.at(t) for n, _, t in self._shots]).reshape(
-            -1, 4, 4
-        )
+        self._shots = training_images(drive, training, log)
+        self._poses = np.array([self.drive.cameras[n].world_from_camera.at(t) for n, _, t in self._shots])
         self._states = DriveStates(self.drive, renderer.backend.parked)
         self._renderer = renderer
-        self._views: dict[int, DetailView] = {}
+        self._views: dict[tuple[int, int], DetailView] = {}
 
     def added(
         self,
@@ -127,7 +135,7 @@ class RecordedDetail:
         )
         total, weights = np.zeros((len(some), 3), np.float32), np.zeros((len(some), 1), np.float32)
         for shot in self._closest(pose):
-            view = self._view(shot)
+            view = self._view(shot, camera.model.width)
             for places, rays, which, row in self._placed(view, flat, to, number, own, time_s, late_s):
                 u, v, inside, away = view.project(places)
                 u, v = np.where(inside, u, 0.0), np.where(inside, v, 0.0)
@@ -184,19 +192,22 @@ class RecordedDetail:
             places = np.einsum("nij,nj->ni", turn, points[which]) + moved[row, :3, 3]
             yield places, np.einsum("nij,nj->ni", turn, rays[which]), which, self._rows[recorded.uid]
 
-    def _view(self, shot: int) -> DetailView:
-        """Return a recorded image's detail, which stays in memory for a while."""
-        view = self._views.pop(shot, None) or self._rendered(shot)
-        self._views[shot] = view
+    def _view(self, shot: int, width: int) -> DetailView:
+        """Return a recorded image's detail for an image of a width, pixels; it stays in memory for a while."""
+        name, frame, time_s = self._shots[shot]
+        camera = self.drive.cameras[name]
+        # images larger than those of the training take what was recorded
+        if self._width and width <= self._width:
+            camera = camera.resized(self._width)
+        key = shot, camera.model.width
+        view = self._views.pop(key, None) or self._rendered(camera, name, frame, time_s)
+        self._views[key] = view
         while len(self._views) > REFERENCES and sum(each.depth_m.size for each in self._views.values()) > MAX_PIXELS:
             del self._views[next(iter(self._views))]
         return view
 
-    def _rendered(self, shot: int) -> DetailView:
-        """Return a recorded image's detail."""
-        name, frame, time_s = self._shots[shot]
-        recorded = self.drive.cameras[name]
-        camera = recorded.resized(self._width) if self._width else recorded
+    def _rendered(self, camera: Camera, name: str, frame: int, time_s: float) -> DetailView:
+        """Return the detail of a camera's recorded image, at that camera's size."""
         state = self._states.state(*exposure_window(camera, time_s))
         rendered = self._renderer.render(state, camera, time_s, ("rgb", "depth", "instance"))
         assert rendered.depth_m is not None and rendered.instance is not None
