@@ -252,14 +252,15 @@ def test_another_packages_fixer_is_registered(tmp_path: Path, monkeypatch: pytes
         FIXERS.forget_plugins()
 
 
-def test_sequences_are_fixed_as_asked_and_say_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("fill", (NEAREST, "learned"))
+def test_sequences_are_fixed_as_asked_and_say_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fill: str) -> None:
     monkeypatch.setattr(recorded_depth_module, "VIEWS_PER_SENSOR", 24)  # as in other processes
     log = write_recipe(tmp_path / "log", 60, frames=20, width=96, height=54, seed=0)
     scenario = tmp_path / "scenario.json"
     document = {
         "format": "unisim-scenario", "version": 1, "name": "gone", "log": str(log), "scene": str(SAMPLE),
         "frames": [4, 5], "edits": [{"type": "remove", "actor": f"car-{number:02}"} for number in (6, 7, 11, 12)],
-        "outputs": {"fill": NEAREST, "formats": ["png", "ply"], "passes": ["rgb", "unsupported"]},
+        "outputs": {"fill": fill, "formats": ["png", "ply"], "passes": ["rgb", "unsupported"]},
     }  # fmt: skip
     scenario.write_text(json.dumps(document))
 
@@ -270,10 +271,10 @@ def test_sequences_are_fixed_as_asked_and_say_so(tmp_path: Path, monkeypatch: py
         return contents(tmp_path / out)
 
     fixed, two = files("one", "--jobs", "1"), files("two", "--jobs", "2")
-    plain, textured = (files(fill, "--jobs", "1", "--fill", fill) for fill in ("none", "texture"))
+    plain, textured = (files(other, "--jobs", "1", "--fill", other) for other in ("none", "texture"))
     assert fixed == two
     manifest = json.loads(fixed["manifest.json"])
-    assert manifest["settings"]["fill"] == NEAREST and len(manifest["environment"]["fixer"]) == 64
+    assert manifest["settings"]["fill"] == fill and len(manifest["environment"]["fixer"]) == 64
     assert "fixer" not in json.loads(plain["manifest.json"])["environment"]
     for name in fixed:
         if name.startswith(("camera", "lidar")):

@@ -366,6 +366,6 @@ def test_sequences_are_filled_as_asked_and_say_so(tmp_path: Path, monkeypatch: p
     del document["outputs"]["fill"]  # type: ignore[attr-defined]
     scenario.write_text(json.dumps(document))
     assert files("none")[image] == plain[image]
-    for arguments in (["--fill", "learned"], ["--fill", "texture", "--renderer", "surfel"]):
+    for arguments in (["--fill", "learnt"], ["--fill", "texture", "--renderer", "surfel"]):
         refused = CliRunner().invoke(unisim, ["render", str(scenario), "--out", str(tmp_path / "no"), *arguments])
         assert refused.exit_code != 0 and not (tmp_path / "no").exists()

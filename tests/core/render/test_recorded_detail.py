@@ -124,7 +124,7 @@ def test_images_larger_than_the_trainings_take_the_detail_that_was_recorded(
     assert (rendered(WIDTH // 2, WIDTH // 2) != rendered(None, WIDTH // 2)).any()
 
 
-def test_a_log_without_the_trainings_images_is_refused(backend: CompiledBackend, log: PatternedLog) -> None:
+def test_a_log_without_the_trainings_images_is_refused(backend: CompiledBackend, log: Any) -> None:
     header = backend.observed[0]
     training = {**header.training, "frames": [997], "cameras": [CAMERA]}
     with pytest.raises(LogError, match=f"{log.path}: has none of the images"):

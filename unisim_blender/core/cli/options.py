@@ -106,8 +106,8 @@ def render_options(
         "fill": click.option(
             "--fill",
             metavar="NAME",
-            help="texture: ground and façades that nobody saw have the texture of the street around them; or the name of a "
-            f"fixer, or module:function, that draws on images after that. [default: {owner}, or none]",
+            help="texture: ground and façades that nobody saw have the texture of the street around them; learned: a "
+            f"network draws on images after that; or another fixer's name, or module:function. [default: {owner}, or none]",
         ),
         "detail": click.option(
             "--detail/--no-detail",

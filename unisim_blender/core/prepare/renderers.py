@@ -18,7 +18,8 @@ from ..errors import ScenarioError, SceneError
 from ..formats.readers import open_log
 from ..presets import methods
 from ..render.captures import CaptureStates
-from ..render.fixers import RecordedFixer, fixer_named
+from ..render.fixers import FIXERS, RecordedFixer, fixer_named
+from ..render.learned_fixer import LearnedFixer
 from ..render.observed_space import Observing
 from ..render.quality import Quality, quality_named
 from ..render.recorded_detail import RecordedDetail
@@ -150,6 +151,7 @@ def detail_of(backend: Backend, scene: Scene, log: Log) -> RecordedDetail:
 
 for method in (SURFEL, WARP, *(TrainedMethod(name) for name in methods())):
     register(method)
+FIXERS.register(LearnedFixer())
 
 UNTRAINED_DEFAULT = SURFEL
 """Default method for rendering a log without a trained scene."""

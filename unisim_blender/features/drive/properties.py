@@ -204,8 +204,8 @@ class UniSimScene(bpy.types.PropertyGroup):
     )
     fixer: StringProperty(
         name="Fixer",
-        description="Function that draws anew what no recorded image shows, after ground is filled: its name, or "
-        "module:function",
+        description="Function that draws anew what no recorded image shows, after ground is filled: its name (learned: a "
+        "trained network), or module:function",
     )
     detail: BoolProperty(
         name="Recorded Detail",

@@ -1,0 +1,102 @@
+"""A fixer that is a small network, trained on views of procedural streets beside their ground truth, by
+`benchmarks/learned_fixer.py`.
+
+The network is a U-Net (Ronneberger et al., "U-Net: convolutional networks for biomedical image segmentation", 2015). It is
+evaluated with NumPy, so that rendering needs no torch.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from .fixers import REFERENCES, ImageToFix
+from .tracer import Array
+
+WEIGHTS = Path(__file__).with_suffix(".npz")
+LEVELS = 4
+"""Number of sizes at which an image is seen, each half the one before."""
+SLOPE = 0.1
+"""Slope of the leaky rectifier below 0."""
+FAR_M = 300.0
+"""Distance, metres, that stands for what is hit nowhere."""
+PART = 0.5
+"""Part of what the network adds that is taken: all of it has less PSNR on streets that it was not trained on."""
+MARGIN = 64
+"""Pixels around those to fix that the network is given, a multiple of the coarsest size's pixel."""
+
+
+def network_input(view: ImageToFix) -> Array:
+    """Return what the network is given (H, W, 16): colours, weight, filled part, distance, confidence, whether there is an
+    actor, and of two recorded images warped colours and where they show the same surface."""
+    depth = np.where(np.isfinite(view.depth_m), view.depth_m, FAR_M)
+    maps = [view.image, view.weight, view.filled, np.log1p(depth) / 5, view.confidence, view.instance > 0]
+    references = (*view.references, *view.references[-1:] * REFERENCES)[:REFERENCES]
+    for reference in references:
+        maps += [reference.warped * reference.shown[..., None], reference.shown]
+    maps += [np.zeros((*depth.shape, 4))] * (REFERENCES - len(references))
+    return np.concatenate([np.atleast_3d(each).astype(np.float32) for each in maps], axis=-1)
+
+
+class LearnedFixer:
+    """The fixer of ``--fill learned``."""
+
+    name = "learned"
+
+    def __call__(self, view: ImageToFix) -> Array:
+        """Return the image (H, W, 3), fixed; colours are as they were far from the pixels to fix."""
+        image, coarsest = view.image.copy(), 2 ** (LEVELS - 1)
+        rows, columns = (np.flatnonzero((view.weight > 0).any(axis)) for axis in (1, 0))
+        window = tuple(
+            slice(max(0, (some[0] - MARGIN) // coarsest * coarsest), some[-1] + 1 + MARGIN) for some in (rows, columns)
+        )
+        image[window] += np.float32(PART) * added(network_input(view)[window])
+        return image
+
+
+def added(given: Array) -> Array:
+    """Return what the network adds to the colours (H, W, 3) of its input (H, W, 16)."""
+    height, width = given.shape[:2]
+    coarsest = 2 ** (LEVELS - 1)
+    values = np.pad(given, ((0, -height % coarsest), (0, -width % coarsest), (0, 0)), mode="edge")
+    finer = []
+    for level in range(LEVELS):
+        values = _block(f"d.{level}", values)
+        if level < LEVELS - 1:
+            finer.append(values)
+            h, w, channels = values.shape
+            values = values.reshape(h // 2, 2, w // 2, 2, channels).mean((1, 3))
+    for level in range(LEVELS - 1):
+        larger = values.repeat(2, 0).repeat(2, 1)
+        values = _block(f"u.{level}", np.concatenate([larger, finer.pop()], axis=-1))
+    return _convolved("o", values)[:height, :width]
+
+
+@cache
+def weights() -> dict[str, Array]:
+    """Return the network's weights by name: those of convolutions (rows, columns, in, out), biases (out,)."""
+    with np.load(WEIGHTS) as file:
+        return {name: file[name].astype(np.float32) for name in file.files}
+
+
+def _block(name: str, values: Array) -> Array:
+    """Return the values of a residual block of two convolutions."""
+    inner = _convolved(f"{name}.b", _rectified(_convolved(f"{name}.a", values)))
+    return _rectified(inner + _convolved(f"{name}.k", values))
+
+
+def _rectified(values: Array) -> Array:
+    return np.maximum(values, np.float32(SLOPE) * values)
+
+
+def _convolved(name: str, values: Array) -> Array:
+    """Return the convolution of values (H, W, C), which are 0 around the image."""
+    kernel, out = weights()[f"{name}.weight"], weights()[f"{name}.bias"]
+    height, width, _ = values.shape
+    around = len(kernel) // 2
+    padded = np.pad(values, ((around, around), (around, around), (0, 0)))
+    for row, column in np.ndindex(kernel.shape[:2]):
+        out = out + padded[row : row + height, column : column + width] @ kernel[row, column]
+    return out
