@@ -30,7 +30,7 @@ from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.render.captures import CaptureStates, render_image, states_of
 from unisim_blender.core.render.fixers import ImageToFix, RecordedFixer
-from unisim_blender.core.render.learned_fixer import LEVELS, PART, SLOPE, network_input
+from unisim_blender.core.render.learned_fixer import LEVELS, SLOPE, added, network_input, part_of
 from unisim_blender.core.render.observed_space import Observing
 from unisim_blender.core.render.recorded_depth import recorded_depth
 from unisim_blender.core.render.renderer import Renderer
@@ -107,9 +107,9 @@ class FillNetwork(nn.Module):
         return self.o(y)[..., :height, :width]
 
 
-def fixed(network: FillNetwork, x: Tensor, part: float = PART) -> Tensor:
-    """Return the images (N, 3, H, W) of inputs, fixed by their weights and by ``part``, which training takes as 1."""
-    return x[:, :3] + x[:, 3:4] * part * network(x)
+def fixed(network: FillNetwork, x: Tensor) -> Tensor:
+    """Return the images (N, 3, H, W) of inputs, fixed by their weights; `learned_fixer.part_of` is left to rendering."""
+    return x[:, :3] + x[:, 3:4] * network(x)
 
 
 def gaussian_mean(x: Tensor) -> Tensor:
@@ -218,7 +218,7 @@ def train(folder: Path, out: Path, steps: int, seed: int) -> None:
                 given[red : red + 3] *= gain
             crops.append((given, exact * gain))
         x, truth = (torch.stack(each) for each in zip(*crops, strict=True))
-        image, weight = fixed(network, x, 1.0), (x[:, 3:4] > 0.05).float()
+        image, weight = fixed(network, x), (x[:, 3:4] > 0.05).float()
         wrong = (image - truth) ** 2 * 10 + (image - truth).abs()
         loss = (
             (wrong.mean(1, keepdim=True) + 0.75 * distances(image, truth, box_mean)) * weight
@@ -252,20 +252,19 @@ def read_weights(path: Path) -> FillNetwork:
 
 @main.command()
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
-@click.argument("weights", type=click.Path(path_type=Path, exists=True, dir_okay=False))
-def test(folder: Path, weights: Path) -> None:
-    """Print the error of never-seen pixels of the pairs of a FOLDER, filled and fixed by WEIGHTS."""
-    network, sums = read_weights(weights), dict[tuple[str, str], FloatArray]()
-    with torch.no_grad():
-        for name, given, exact in read_pairs(folder):
-            x, truth, kind = given[None], exact[None], "removed" if "removed" in name else "aside"
-            never = x[:, 3:4] > 0.5
-            for how, image in (("filled", x[:, :3]), ("fixed", fixed(network, x).clamp(0, 1))):
-                squared, distance = ((image - truth) ** 2).mean(1, keepdim=True)[never], distances(image, truth)[never]
-                of_view = np.array([len(squared), squared.sum().item(), distance.sum().item()])
-                sums[kind, how] = sums.get((kind, how), np.zeros(3)) + of_view
-    for (kind, how), (count, squared, distance) in sorted(sums.items()):
-        print(f"{kind}, {how}: {-10 * np.log10(squared / count):.2f} dB, {distance / count:.3f}")
+def test(folder: Path) -> None:
+    """Print the error of never-seen pixels of the pairs of a FOLDER, filled and then fixed by `--fill learned`."""
+    sums: dict[tuple[str, str], FloatArray] = {}
+    for name, x, truth in read_pairs(folder):
+        kind, never, given = "removed" if "removed" in name else "aside", x[3] > 0.5, x.permute(1, 2, 0).numpy()
+        after = given[..., :3] + given[..., 3:4] * part_of(given) * added(given)
+        for how, image in (("filled", x[:3]), ("fixed", torch.from_numpy(after).permute(2, 0, 1).clamp(0, 1))):
+            squared = ((image - truth) ** 2).mean(0)[never]
+            distance = distances(image[None], truth[None])[0, 0][never]
+            of_view = np.array([len(squared), squared.sum().item(), distance.sum().item()])
+            sums[kind, how] = sums.get((kind, how), np.zeros(3)) + of_view
+    for (kind, how), (count, squares, total) in sorted(sums.items()):
+        print(f"{kind}, {how}: {-10 * np.log10(squares / count):.2f} dB, {total / count:.3f}")
 
 
 if __name__ == "__main__":

@@ -10,10 +10,10 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from benchmarks.learned_fixer import FillNetwork, fixed, read_weights, write_weights
+from benchmarks.learned_fixer import FillNetwork, read_weights, write_weights
 from unisim_blender.core.render import learned_fixer
 from unisim_blender.core.render.fixers import ImageToFix, ReferenceImage
-from unisim_blender.core.render.learned_fixer import MARGIN, WEIGHTS, LearnedFixer, added, network_input
+from unisim_blender.core.render.learned_fixer import MARGIN, WEIGHTS, LearnedFixer, added, network_input, part_of
 from unisim_blender.core.world.drive import CameraModel
 
 
@@ -51,14 +51,23 @@ def test_the_network_is_the_one_that_was_trained(
 
 
 def test_only_what_is_near_the_pixels_to_fix_is_computed(view: ImageToFix) -> None:
-    image = LearnedFixer()(view)
+    image, given = LearnedFixer()(view), network_input(view)
     changed = np.argwhere((image != view.image).any(-1))
     assert changed.max(0)[1] < 44 + MARGIN and len(changed) > 1000
-    with torch.no_grad():
-        x = torch.from_numpy(network_input(view)).permute(2, 0, 1)[None]
-        expected = fixed(read_weights(WEIGHTS), x)[0].permute(1, 2, 0).numpy()
-    weight = view.weight[..., None]
-    np.testing.assert_allclose(view.image + weight * (image - view.image), expected, atol=0.01)
+    expected = view.image + part_of(given) * added(given)
+    some = view.weight > 0
+    np.testing.assert_allclose(image[some], expected[some], atol=0.01)
+
+
+def test_what_has_the_skys_colour_stays(view: ImageToFix) -> None:
+    image, depth = view.image.copy(), np.full(view.depth_m.shape, 20.0, np.float32)
+    some = view.weight > 0
+    image[:30], depth[:30], image[40:44, 30:44] = [0.6, 0.7, 0.9], np.inf, [0.62, 0.66, 0.85]
+    sheet = replace(view, image=image, depth_m=depth)
+    changed = (LearnedFixer()(sheet) != image).any(-1)
+    assert not changed[40:44, 30:44].any() and changed[some].mean() > 0.3
+    without_sky = replace(sheet, depth_m=np.full_like(depth, 20.0))
+    assert (LearnedFixer()(without_sky) != image).any(-1)[some].all()
 
 
 def test_views_with_fewer_recorded_images(view: ImageToFix) -> None:

@@ -20,10 +20,15 @@ LEVELS = 4
 """Number of sizes at which an image is seen, each half the one before."""
 SLOPE = 0.1
 """Slope of the leaky rectifier below 0."""
+DISTANCE = 5
+"""Channel of the input that has the distance."""
 FAR_M = 300.0
 """Distance, metres, that stands for what is hit nowhere."""
 PART = 0.5
 """Part of what the network adds that is taken: all of it has less PSNR on streets that it was not trained on."""
+SKY, SKY_RGB = 0.1, 0.1
+"""Difference of a colour from the sky's, the largest of its channels, from which on pixels are fixed, and over which fixing
+rises to all. What has the sky's colour stays: in scenes, sheets of it stand before the sky, which the network's streets lack."""
 MARGIN = 64
 """Pixels around those to fix that the network is given, a multiple of the coarsest size's pixel."""
 
@@ -52,8 +57,18 @@ class LearnedFixer:
         window = tuple(
             slice(max(0, (some[0] - MARGIN) // coarsest * coarsest), some[-1] + 1 + MARGIN) for some in (rows, columns)
         )
-        image[window] += np.float32(PART) * added(network_input(view)[window])
+        given = network_input(view)
+        image[window] += part_of(given)[window] * added(given[window])
         return image
+
+
+def part_of(given: Array) -> Array:
+    """Return the part of what the network adds that is taken (H, W, 1), of its input (H, W, 16)."""
+    colours, sky = given[..., :3], given[..., DISTANCE] >= np.float32(np.log1p(FAR_M) / 5)
+    if not sky.any():
+        return np.full((*sky.shape, 1), PART, np.float32)
+    unlike = np.abs(colours - np.median(colours[sky], axis=0)).max(-1, keepdims=True)
+    return np.float32(PART) * np.clip((unlike - np.float32(SKY)) / np.float32(SKY_RGB), 0, 1)
 
 
 def added(given: Array) -> Array:
