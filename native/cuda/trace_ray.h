@@ -833,16 +833,20 @@ class RayTracer {
     UNISIM_DEVICE float median_distance() const {
         if (background_median_ > 0) return background_median_;
         const float wanted = (1 + transmittance_) / 2;
-        float depth = 0;
+        float depth = 0, last = 0, least = 2;
         for (int n = 0; n < segments_; ++n) {
             const Segment &s = work_.segments[n];
             for (int k = 0; k < s.count; ++k) {
                 const int64_t i = s_.at(s.first + k);
-                if (s_.before[i] > wanted && s_.before[i] * exp_of(-s_.tau[i]) <= wanted)
-                    depth = crossing(s, k, wanted);
+                if (!(s_.before[i] > wanted)) continue;
+                if (s_.before[i] * exp_of(-s_.tau[i]) <= wanted) depth = crossing(s, k, wanted);
+                if (s_.before[i] > least || (s_.before[i] == least && s_.t[i] < last)) continue;
+                least = s_.before[i];
+                last = s_.t[i];
             }
         }
-        return depth;
+        // between two intervals the transmittance may fall to `wanted` by rounding alone: the crossing is their border
+        return depth > 0 ? depth : last;
     }
 
     // Where in interval k the transmittance falls to `wanted`; the distance is linear there.

@@ -46,6 +46,23 @@ class Passes {
                 }
             }
         });
+        // between two intervals the transmittance may fall to `wanted` by rounding alone: the crossing is their border
+        float least[TILE];
+        std::fill_n(least, TILE, 2.0f);
+        tile_.each([&](const auto &b) {
+            for (int p = 0; p < b.count; ++p) {
+                const int r = b.ray[p];
+                if (depth[r] > 0 && least[r] == 2.0f) continue;
+                const float wanted = (1 + sums_.transmittance[r]) / 2;
+                for (int k = 0; k < b.samples; ++k) {
+                    const size_t i = b.number(k, p);
+                    const float before = b.transmittance_before[i];
+                    if (!(before > wanted) || before > least[r] || (before == least[r] && b.t[i] < depth[r])) continue;
+                    least[r] = before;
+                    depth[r] = b.t[i];
+                }
+            }
+        });
         for (int r = 0; r < tile_.rays.count; ++r) tile_.task.result.median[tile_.number[r]] = depth[r];
         for (size_t i = 0; i < background_.rays.size(); ++i) {
             const int r = background_.rays[i];

@@ -57,6 +57,22 @@ def test_median_against_a_search() -> None:
     np.testing.assert_allclose(median_depth(traced), expected, rtol=1e-3, atol=5e-3)
 
 
+def test_a_median_between_two_intervals_is_their_border() -> None:
+    """Rounding may leave the transmittance above the half behind one interval and below it before the next."""
+    stage = Stage(analytic_scene(union(ground, wall(9.0)), {}, beta=30.0), drive_of([]))
+    d = np.random.default_rng(0).normal([1, 0, -0.03], [0, 0.15, 0.06], (60, 3))
+    traced = stage.trace(EYE, d, fine=2.0)
+    ((segments, weights),) = traced.weighted()
+    wanted = ((1 + traced.transmittance_after) / 2)[segments.ray][:, None]
+    before = weights.transmittance_before
+    crossed = (before > wanted) & (before * torch.exp(-segments.tau) <= wanted)
+    short = torch.where(crossed, torch.log(before / wanted) - 1e-5, segments.tau)
+    without = replace(traced, ray_segments=(replace(segments, tau=short),))
+    expected = torch.zeros(60).index_put_((segments.ray[crossed.any(1)],), segments.t[crossed])
+    assert (expected > 0).sum() > 40
+    np.testing.assert_allclose(median_depth(without), expected)
+
+
 def test_median_of_rays_that_are_stopped_in_part() -> None:
     stage = Stage(analytic_scene(sphere([-4.0, 0.0, 1.6], 2.0), {}, beta=30.0), drive_of([]))
     d = np.stack([np.full(40, 16.0), np.linspace(2.0, 2.25, 40), np.zeros(40)], -1)

@@ -37,6 +37,16 @@ def median_depth(traced: SegmentTrace) -> Tensor:
         depth[segments.ray[row]] = near + torch.where(k > 0, fraction, torch.zeros_like(fraction)) * (
             segments.t[row, k] - near
         )
+    # between two intervals the transmittance may fall to `wanted` by rounding alone: the crossing is their border
+    missing = depth == 0
+    least = torch.full_like(depth, 2.0)
+    for segments, weights in traced.weighted():
+        before = torch.where(weights.transmittance_before > target[segments.ray][:, None], weights.transmittance_before, 2)
+        least.scatter_reduce_(0, segments.ray, before.amin(1), "amin")
+    for segments, weights in traced.weighted():
+        before = weights.transmittance_before
+        is_last = missing[segments.ray][:, None] & (before == least[segments.ray][:, None])
+        depth.scatter_reduce_(0, segments.ray, torch.where(is_last, segments.t, 0).amax(1), "amax")
     if traced.background is not None:
         behind = traced.background
         row, k = _crossed(behind.transmittance_before, behind.tau, target[behind.ray][:, None])
