@@ -41,7 +41,9 @@ def median_depth(traced: SegmentTrace) -> Tensor:
     missing = depth == 0
     least = torch.full_like(depth, 2.0)
     for segments, weights in traced.weighted():
-        before = torch.where(weights.transmittance_before > target[segments.ray][:, None], weights.transmittance_before, 2)
+        before = torch.where(
+            weights.transmittance_before > target[segments.ray][:, None], weights.transmittance_before, 2
+        )
         least.scatter_reduce_(0, segments.ray, before.amin(1), "amin")
     for segments, weights in traced.weighted():
         before = weights.transmittance_before
