@@ -65,15 +65,21 @@ class DetailView:
     poses: FloatArray
     """Poses (h, 4, 4) of the rows, world_from_camera."""
 
-    def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
-        """Return image points u, v (N,), pixels, of places (N, 3), world frame, whether they are inside, and distances."""
-        model, rows = self.camera.model, np.full(len(points), len(self.poses) // 2)
-        for _ in range(2):
-            away = points - self.poses[rows, :3, 3]
-            u, v, valid = model.project(np.einsum("nji,nj->ni", self.poses[rows, :3, :3], away))
-            inside = valid & (u >= 0) & (u < model.width) & (v >= 0) & (v < model.height)
-            rows = np.where(inside, v, rows).astype(np.int64)
-        return u, v, inside, np.linalg.norm(away, axis=1)
+    def project(self, points: FloatArray) -> tuple[NDArray[np.int64], FloatArray, FloatArray, FloatArray]:
+        """Return the numbers (M,) of those places (N, 3), world frame, that are inside the image, their image points u, v (M,),
+        pixels, and their distances (M,), metres."""
+        middle = self.poses[len(self.poses) // 2]
+        _, v, inside = self._on_image(np.einsum("ji,nj->ni", middle[:3, :3], points - middle[:3, 3]))
+        some = np.flatnonzero(inside)
+        rows = v[some].astype(np.int64)
+        away = points[some] - self.poses[rows, :3, 3]
+        u, v, inside = self._on_image(np.einsum("nji,nj->ni", self.poses[rows, :3, :3], away))
+        return some[inside], u[inside], v[inside], np.linalg.norm(away[inside], axis=1)
+
+    def _on_image(self, local: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+        model = self.camera.model
+        u, v, valid = model.project(local)
+        return u, v, valid & (u >= 0) & (u < model.width) & (v >= 0) & (v < model.height)
 
 
 def training_images(drive: Drive, training: Mapping[str, Any], log: Log) -> list[tuple[str, int, float]]:
@@ -137,17 +143,17 @@ class RecordedDetail:
         for shot in self._closest(pose):
             view = self._view(shot, camera.model.width)
             for places, rays, which, row in self._placed(view, flat, to, number, own, time_s, late_s):
-                u, v, inside, away = view.project(places)
-                u, v = np.where(inside, u, 0.0), np.where(inside, v, 0.0)
+                inside, u, v, away = view.project(places)
                 cell = v.astype(np.int64), u.astype(np.int64)
                 alike = np.abs(view.depth_m[cell] - away) < TOLERANCE * away + TOLERANCE_M
-                shown = inside & alike & (view.actor[cell] == row)
-                if not shown.any():
+                alike &= view.actor[cell] == row
+                if not alike.any():
                     continue
+                shown = inside[alike]
                 back = places[shown] - view.poses[len(view.poses) // 2, :3, 3]
                 cosine = (back * rays[shown]).sum(1) / np.maximum(np.linalg.norm(back, axis=1), 1e-6)
                 weight = np.exp(-np.arccos(np.clip(cosine, -1, 1)) / ANGLE_RAD).astype(np.float32)[:, None]
-                total[which[shown]] += weight * bilinear(view.detail, u[shown], v[shown])
+                total[which[shown]] += weight * bilinear(view.detail, u[alike], v[alike])
                 weights[which[shown]] += weight
         gain = bound.gain(camera.sensor_id, time_s)
         added = PART * total / np.maximum(weights, 1)
