@@ -184,6 +184,10 @@ def test_the_command_measures_scene_surfels_and_truth(tmp_path: Path, monkeypatc
     assert isinstance(refused.exception, UnisimError) and "has no 'missing'; it has Orange, detector" in str(
         refused.exception
     )
+    (tmp_path / "trams.py").write_text(DETECTOR.replace('"Cones"', '"Tram"'))
+    refused = CliRunner().invoke(unisim, [*asked, "--detector", "trams:detector"])
+    assert "its actors are of the classes Car, Cones," in str(refused.exception)
+    assert str(refused.exception).endswith("--detector names Tram")
     result = CliRunner().invoke(
         unisim, [*asked, "--detector", "saturated:detector", "--beside", "surfel"], catch_exceptions=False
     )

@@ -86,6 +86,12 @@ def shift_curve(
     header = open_scene(scene).header
     log = aligned_log(header, open_log(log_path))
     detector: ShiftDetector = named_function("--detector", shifts.detector, "nothing")()
+    labels, known_to_it = {actor.label for actor in log.drive.actors.values()}, set().union(*detector.classes.values())
+    if not labels & known_to_it:
+        raise UnisimError(
+            f"{log_path}: its actors are of the classes {', '.join(sorted(labels)) or 'none'}; --detector names "
+            f"{', '.join(sorted(known_to_it))}"
+        )
     cameras = options.cameras or tuple(header.training.get("cameras", header.drive.cameras))
     check_names("camera", cameras, log.drive.cameras)
     lidars = tuple(name for name in beam_lidars(log) if log.sweep_frames(name))
