@@ -15,6 +15,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -30,7 +31,7 @@ from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.render.captures import CaptureStates, render_image, states_of
 from unisim_blender.core.render.fixers import ImageToFix, RecordedFixer
-from unisim_blender.core.render.learned_fixer import LEVELS, SLOPE, added, network_input, part_of
+from unisim_blender.core.render.learned_fixer import COARSEST, LEVELS, SLOPE, added, network_input, part_of
 from unisim_blender.core.render.observed_space import Observing
 from unisim_blender.core.render.recorded_depth import recorded_depth
 from unisim_blender.core.render.renderer import Renderer
@@ -38,6 +39,7 @@ from unisim_blender.core.render.traced_planes import plane_fill
 from unisim_blender.core.render.tracer import Array
 from unisim_blender.core.scenes.recipe import load_backend
 from unisim_blender.core.scenes.scene import open_scene
+from unisim_blender.core.training.losses.terms import SSIM_WINDOW, gaussian_mean, similarity
 from unisim_blender.core.world.captures import Capture
 from unisim_street.street import load_street, street_of
 from unisim_street.truth import truth_camera
@@ -95,8 +97,7 @@ class FillNetwork(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """Return what is added to the colours (N, 3, H, W) of inputs (N, 16, H, W)."""
         height, width = x.shape[-2:]
-        coarsest = 2 ** (LEVELS - 1)
-        y, finer = F.pad(x, (0, -width % coarsest, 0, -height % coarsest), mode="replicate"), []
+        y, finer = F.pad(x, (0, -width % COARSEST, 0, -height % COARSEST), mode="replicate"), []
         for level, block in enumerate(self.d):
             y = block(y)
             if level < LEVELS - 1:
@@ -112,25 +113,17 @@ def fixed(network: FillNetwork, x: Tensor) -> Tensor:
     return x[:, :3] + x[:, 3:4] * network(x)
 
 
-def gaussian_mean(x: Tensor) -> Tensor:
-    """Return the means (N, 3, H, W) around pixels that SSIM is of (Wang et al. 2004)."""
-    kernel = torch.exp(-(torch.arange(-5, 6.0) ** 2) / 2 / 1.5**2)
-    return F.conv2d(x, (kernel[:, None] * kernel / kernel.sum() ** 2).expand(3, 1, -1, -1), padding=5, groups=3)
-
-
 def box_mean(x: Tensor) -> Tensor:
-    """Return means (N, 3, H, W) of 5 x 5 pixels, which cost less."""
+    """Return means (N, 3, H, W) of 5 x 5 pixels, which cost less than Gaussian ones."""
     return F.avg_pool2d(x, 5, 1, 2)
 
 
-def distances(a: Tensor, b: Tensor, mean: Callable[[Tensor], Tensor] = gaussian_mean) -> Tensor:
+def distances(
+    a: Tensor, b: Tensor, mean: Callable[[Tensor], Tensor] = partial(gaussian_mean, padding=SSIM_WINDOW // 2)
+) -> Tensor:
     """Return 1 - SSIM plus differences of gradients (N, 1, H, W) of images (N, 3, H, W)."""
-    of_a, of_b = mean(a), mean(b)
-    spread = mean(a * a) - of_a**2 + mean(b * b) - of_b**2
-    common = 2 * (mean(a * b) - of_a * of_b)
-    ssim = (2 * of_a * of_b + 1e-4) * (common + 9e-4) / ((of_a**2 + of_b**2 + 1e-4) * (spread + 9e-4))
     across, down = ((a.diff(dim=axis) - b.diff(dim=axis)).abs() for axis in (-1, -2))
-    return (1 - ssim + F.pad(across, (0, 1)) + F.pad(down, (0, 0, 0, 1))).mean(1, keepdim=True)
+    return (1 - similarity(a, b, mean) + F.pad(across, (0, 1)) + F.pad(down, (0, 0, 0, 1))).mean(1, keepdim=True)
 
 
 def read_pairs(folder: Path) -> Iterator[tuple[str, Tensor, Tensor]]:

@@ -34,36 +34,26 @@ class Passes {
   private:
     // Median distances; `core/render/tracers/torch/ray_passes.py`.
     void find_medians() {
-        float depth[TILE] = {};
-        tile_.each([&](const auto &b) {
-            for (int p = 0; p < b.count; ++p) {
-                const float wanted = (1 + sums_.transmittance[b.ray[p]]) / 2;
-                for (int k = 0; k < b.samples; ++k) {
-                    const size_t i = b.number(k, p);
-                    const float before = b.transmittance_before[i];
-                    if (before > wanted && before * exp_of(-b.tau[i]) <= wanted)
-                        depth[b.ray[p]] = crossing(b, p, k, wanted);
-                }
-            }
-        });
-        // between two intervals the transmittance may fall to `wanted` by rounding alone: the crossing is their border
-        float least[TILE];
+        float depth[TILE] = {}, last[TILE] = {}, least[TILE];
         std::fill_n(least, TILE, 2.0f);
         tile_.each([&](const auto &b) {
             for (int p = 0; p < b.count; ++p) {
                 const int r = b.ray[p];
-                if (depth[r] > 0 && least[r] == 2.0f) continue;
                 const float wanted = (1 + sums_.transmittance[r]) / 2;
                 for (int k = 0; k < b.samples; ++k) {
                     const size_t i = b.number(k, p);
                     const float before = b.transmittance_before[i];
-                    if (!(before > wanted) || before > least[r] || (before == least[r] && b.t[i] < depth[r])) continue;
+                    if (!(before > wanted)) continue;
+                    if (before * exp_of(-b.tau[i]) <= wanted) depth[r] = crossing(b, p, k, wanted);
+                    if (before > least[r] || (before == least[r] && b.t[i] < last[r])) continue;
                     least[r] = before;
-                    depth[r] = b.t[i];
+                    last[r] = b.t[i];
                 }
             }
         });
-        for (int r = 0; r < tile_.rays.count; ++r) tile_.task.result.median[tile_.number[r]] = depth[r];
+        // between two intervals the transmittance may fall to `wanted` by rounding alone: the crossing is their border
+        for (int r = 0; r < tile_.rays.count; ++r)
+            tile_.task.result.median[tile_.number[r]] = depth[r] > 0 ? depth[r] : last[r];
         for (size_t i = 0; i < background_.rays.size(); ++i) {
             const int r = background_.rays[i];
             const float wanted = (1 + sums_.transmittance[r]) / 2;

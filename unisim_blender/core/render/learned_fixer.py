@@ -18,6 +18,8 @@ from .tracer import Array
 WEIGHTS = Path(__file__).with_suffix(".npz")
 LEVELS = 4
 """Number of sizes at which an image is seen, each half the one before."""
+COARSEST = 2 ** (LEVELS - 1)
+"""Pixels along an edge of the coarsest size's pixel."""
 SLOPE = 0.1
 """Slope of the leaky rectifier below 0."""
 DISTANCE = 5
@@ -52,10 +54,10 @@ class LearnedFixer:
 
     def __call__(self, view: ImageToFix) -> Array:
         """Return the image (H, W, 3), fixed; colours are as they were far from the pixels to fix."""
-        image, coarsest = view.image.copy(), 2 ** (LEVELS - 1)
+        image = view.image.copy()
         rows, columns = (np.flatnonzero((view.weight > 0).any(axis)) for axis in (1, 0))
         window = tuple(
-            slice(max(0, (some[0] - MARGIN) // coarsest * coarsest), some[-1] + 1 + MARGIN) for some in (rows, columns)
+            slice(max(0, (some[0] - MARGIN) // COARSEST * COARSEST), some[-1] + 1 + MARGIN) for some in (rows, columns)
         )
         given = network_input(view)
         image[window] += part_of(given)[window] * added(given[window])
@@ -74,8 +76,7 @@ def part_of(given: Array) -> Array:
 def added(given: Array) -> Array:
     """Return what the network adds to the colours (H, W, 3) of its input (H, W, 16)."""
     height, width = given.shape[:2]
-    coarsest = 2 ** (LEVELS - 1)
-    values = np.pad(given, ((0, -height % coarsest), (0, -width % coarsest), (0, 0)), mode="edge")
+    values = np.pad(given, ((0, -height % COARSEST), (0, -width % COARSEST), (0, 0)), mode="edge")
     finer = []
     for level in range(LEVELS):
         values = _block(f"d.{level}", values)

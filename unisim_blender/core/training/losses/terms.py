@@ -4,6 +4,7 @@ and adversarial: patches seen from shifted sensor origins are to look like recor
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
 
 import torch
@@ -83,22 +84,28 @@ boxes, and a walker is half a metre thick."""
 SSIM_WINDOW, SSIM_SIGMA = 11, 1.5
 
 
+def gaussian_mean(x: Tensor, padding: int = 0) -> Tensor:
+    """Return means (B, C, h, w) around pixels (B, C, H, W), Gaussian window of 11 with sigma 1.5; ``padding`` zeros around."""
+    at = torch.arange(SSIM_WINDOW, dtype=x.dtype, device=x.device) - SSIM_WINDOW // 2
+    g = torch.exp(-at * at / (2 * SSIM_SIGMA * SSIM_SIGMA))
+    g = g / g.sum()
+    window = (g[:, None] * g[None]).expand(x.shape[1], 1, SSIM_WINDOW, SSIM_WINDOW)
+    return F.conv2d(x, window, padding=padding, groups=x.shape[1])
+
+
+def similarity(a: Tensor, b: Tensor, mean: Callable[[Tensor], Tensor] = gaussian_mean) -> Tensor:
+    """Return the structural similarity (B, 3, h, w) of images (B, 3, H, W) in 0..1 around each pixel, by local means of values
+    that ``mean`` returns (Wang et al., 2004)."""
+    ma, mb = mean(a), mean(b)
+    va, vb, cov = mean(a * a) - ma * ma, mean(b * b) - mb * mb, mean(a * b) - ma * mb
+    c1, c2 = 0.01**2, 0.03**2
+    return ((2 * ma * mb + c1) * (2 * cov + c2)) / ((ma * ma + mb * mb + c1) * (va + vb + c2))
+
+
 def ssim(a: Tensor, b: Tensor) -> Tensor:
     """Mean structural similarity of images (B, 3, H, W) in 0..1, Gaussian window of 11 with sigma 1.5
     (Wang et al., 2004)."""
-    channels = a.shape[1]
-    x = torch.arange(SSIM_WINDOW, dtype=a.dtype, device=a.device) - SSIM_WINDOW // 2
-    g = torch.exp(-x * x / (2 * SSIM_SIGMA * SSIM_SIGMA))
-    g = g / g.sum()
-    window = (g[:, None] * g[None]).expand(channels, 1, SSIM_WINDOW, SSIM_WINDOW)
-
-    def blur(x: Tensor) -> Tensor:
-        return F.conv2d(x, window, groups=channels)
-
-    ma, mb = blur(a), blur(b)
-    va, vb, cov = blur(a * a) - ma * ma, blur(b * b) - mb * mb, blur(a * b) - ma * mb
-    c1, c2 = 0.01**2, 0.03**2
-    return (((2 * ma * mb + c1) * (2 * cov + c2)) / ((ma * ma + mb * mb + c1) * (va + vb + c2))).mean()
+    return similarity(a, b).mean()
 
 
 def gradient_difference(a: Tensor, b: Tensor) -> Tensor:
