@@ -118,9 +118,11 @@ def box_mean(x: Tensor) -> Tensor:
     return F.avg_pool2d(x, 5, 1, 2)
 
 
-def distances(
-    a: Tensor, b: Tensor, mean: Callable[[Tensor], Tensor] = partial(gaussian_mean, padding=SSIM_WINDOW // 2)
-) -> Tensor:
+SAME_SIZE_MEAN = partial(gaussian_mean, padding=SSIM_WINDOW // 2)
+"""The means of SSIM, as many as there are pixels."""
+
+
+def distances(a: Tensor, b: Tensor, mean: Callable[[Tensor], Tensor] = SAME_SIZE_MEAN) -> Tensor:
     """Return 1 - SSIM plus differences of gradients (N, 1, H, W) of images (N, 3, H, W)."""
     across, down = ((a.diff(dim=axis) - b.diff(dim=axis)).abs() for axis in (-1, -2))
     return (1 - similarity(a, b, mean) + F.pad(across, (0, 1)) + F.pad(down, (0, 0, 0, 1))).mean(1, keepdim=True)
